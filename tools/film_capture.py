@@ -95,8 +95,9 @@ def write_video(path: Path, pictures: Iterator[np.ndarray]) -> None:
     with av.open(str(path), "w") as container:
         stream = container.add_stream("libx264", rate=Fraction(30), options=QUALITY)
         stream.pix_fmt = "yuv420p"
-        for pixels in pictures:
-            stream.height, stream.width = pixels.shape[:2]
+        for number, pixels in enumerate(pictures):
+            if not number:
+                stream.height, stream.width = pixels.shape[:2]
             container.mux(stream.encode(av.VideoFrame.from_ndarray(pixels, format="rgb24")))
         container.mux(stream.encode())
 

@@ -119,6 +119,17 @@ def test_the_outline_carries_the_gradient_of_the_pixels_error(person: Person, rn
     assert max(factors) < 1.25 * min(factors)
 
 
+def test_outlines_weigh_by_the_sigma_of_the_round(person: Person, rng: np.random.Generator) -> None:
+    exact = posed(rng)
+    one = shot(person, exact, off_by(exact, rng))
+    none, wide, near = (
+        pose_equations(person, seen, one.first, Round(0.06, 0.03, sigma))
+        for seen, sigma in ((replace(one, seen=Seen(one.first, ())), 0.01), (one, 0.02), (one, 0.01))
+    )
+    np.testing.assert_allclose(near.matrix - none.matrix, 4 * (wide.matrix - none.matrix), atol=1e-6)
+    np.testing.assert_allclose(near.right - none.right, 4 * (wide.right - none.right), atol=1e-6)
+
+
 @pytest.mark.parametrize(("marked", "share"), [(False, 0.45), (True, 0.1)])
 def test_a_pose_comes_back(person: Person, rng: np.random.Generator, marked: bool, share: float) -> None:
     exact = posed(rng)

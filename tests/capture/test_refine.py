@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,13 +17,16 @@ from capture.tiny_capture import TinyCapture, cameras, npz, parameters
 from avatarrex.capture.fit import refine as schedule
 from avatarrex.capture.fit import refining
 from avatarrex.capture.fit.check import joint_distances, template_surface
-from avatarrex.capture.fit.paint import POINTS, Paint, Points
+from avatarrex.capture.fit.outlines import Seen
+from avatarrex.capture.fit.paint import POINTS, Paint, Points, Posed
+from avatarrex.capture.fit.pose_fit import Shot
 from avatarrex.capture.fit.refine import Body
 from avatarrex.capture.fit.refined_capture import write_refined
 from avatarrex.capture.fit.refining import FILE, Refining
 from avatarrex.capture.readers.calibration import Lens
 from avatarrex.capture.readers.manifest import FORMAT
 from avatarrex.capture.readers.rigs import Capture, Rig, open_capture
+from avatarrex.capture.readers.splits import sealed
 from avatarrex.capture.synthetic.keypoints import detected
 from avatarrex.errors import InputError
 from avatarrex.files.gate import UNFINISHED
@@ -132,6 +136,43 @@ def test_it_goes_on_where_it_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyP
     (out / FILE).write_bytes(b"PK")
     with pytest.raises(InputError, match=r"refining\.npz"):
         Refining(capture, out)
+
+
+def test_the_skin_follows_poses_by_colours(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It was put on where the shape's rounds had the frames; what is painted last has it where colours have them.
+
+    Poses are told by x; the first frame is held out.
+    """
+    tiny, put, painted = TinyCapture.make(("body",)).manifest(held_out_frames={"body": [0]}), [], []
+    capture = sealed(open_capture(tiny.zip(tmp_path / "a.zip")), "train")
+    first, points = capture.rigs["body"].signals[1], Points.of(load_person())
+
+    def at(x: float) -> Signals:
+        return first.replace(translation=np.array([x, 0, 0]))
+
+    def paint(_: Person, shown: Iterable[Posed], blur: float = 0) -> Paint:
+        painted.append(([pose.translation[0] for pose, _ in shown], blur))
+        return Paint(points, np.full((POINTS, 3), len(painted)), np.ones(POINTS, bool))
+
+    monkeypatch.setattr(schedule, "key_shots", lambda *_: [Shot(first, Seen(first, ()), ())])
+    monkeypatch.setattr(schedule, "first_poses", lambda *_: [at(10)])
+    monkeypatch.setattr(schedule, "fit_shape", lambda *_: ([at(20)], np.zeros(10)))
+    monkeypatch.setattr(
+        schedule, "fit_pose", lambda _, one, pose, rounds, by: at(pose.translation[0] + by.colour[0, 0])
+    )
+    monkeypatch.setattr(
+        schedule, "fit_to_mattes", lambda person, seen: put.append(seen[0].signals.translation[0]) or person
+    )
+    monkeypatch.setattr(schedule.Paint, "of", paint)
+    found = schedule.refine_body(capture).paint
+    assert found is not None
+    assert found.colour[0, 0] == 3
+    assert put == [10, 20, 20, 21, 23]
+    coarse, fine = schedule.BLURS
+    assert painted == [([20], coarse), ([21], fine), ([23], 0)]
+    put.clear()
+    assert schedule.refine_body(capture, colours=False).paint is None
+    assert put == [10, 20, 20]
 
 
 def test_colours_can_be_left_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -18,22 +18,22 @@ from tqdm import tqdm
 from avatarrex.capture.fit.landmarks import Landmarks, landmarks
 from avatarrex.capture.fit.pose_change import TURNED, UNKNOWNS
 from avatarrex.capture.fit.triangulation import Points
-from avatarrex.signals.joints import BODY_GROUPS, FINGERS, JOINT_NAMES, JOINT_ROWS
+from avatarrex.signals.joints import FINGERS, JOINT_NAMES, JOINT_ROWS
 from avatarrex.signals.library import named_hand
 from avatarrex.signals.limits import LIMITS
 
-STEPS = 14
-"""Of Gauss–Newton; smoothness is measured against the neighbours of the step before."""
+STEPS, FREE_STEPS = 14, 4
+"""Of Gauss–Newton, and those at first without smoothness, which is measured against the neighbours of the step before."""
 OUTLIER = 0.05
 """Metres at which a landmark's weight has fallen to ¼ (Geman–McClure)."""
 LANDMARK_SIGMA = 0.01
 """Metres that a landmark is off beside its noise: detectors do not mark the joints' centres."""
 LIMIT_SIGMA, SMOOTH_SIGMA, SMOOTH_PLACE = 0.05, 0.12, 0.03
-"""σ_b and σ_s, radians; metres that the root is off its neighbours' middle."""
+"""σ_b and σ_s, radians; metres that the root is off its neighbours' middle. Larger where the free steps end farther from it."""
 APART, APART_PLACE = 0.3, 0.1
 """Radians and metres from its neighbours' middle at which a frame's tie to them has fallen to ¼: frames may be far apart in time."""
-TRUNK_SIGMA, LIMB_SIGMA, FINGER_SIGMA, WRIST_SIGMA = 0.25, 0.8, 0.4, 0.5
-"""σ_j, radians, of spine, neck and collars; of limbs; of fingers; of wrists, ankles and feet."""
+LEAST_RANGE = 0.08
+"""σ_j, radians, of an axis that a joint does not turn about; of others it is half of what the joint's limits leave."""
 LONGEST_STEP = 0.6
 """Radians a joint turns in one step."""
 CHUNK = 64
@@ -85,14 +85,43 @@ class Poses:
         return turned, places
 
 
+@dataclass(frozen=True, eq=False)
+class Ties:
+    """How tightly frames are tied to their neighbours: a motion of few frames a second turns far between two of them."""
+
+    turn: np.ndarray
+    """(q, 1) σ_s, radians."""
+    place: float
+    """The root's, metres."""
+
+    @classmethod
+    def of(cls, poses: Poses) -> Ties:
+        """As free poses lie apart, by axis; noise tells two frames apart, too, so that none is tied too tightly."""
+        turns, way = _off_middles(poses, np.arange(len(poses.place)))
+        apart = np.sqrt(np.square(turns).mean((0, 2)))[:, None]
+        return cls(np.maximum(apart, SMOOTH_SIGMA), max(float(np.sqrt(np.square(way).mean())), SMOOTH_PLACE))
+
+    def add(self, poses: Poses, part: slice, diagonal: np.ndarray, pull: np.ndarray) -> None:
+        """What neighbouring frames say, to equations (t, m) of some frames."""
+        turns, way = _off_middles(poses, np.arange(len(poses.place))[part])
+        joined = (1 + (turns**2).sum(2, keepdims=True) / APART**2) ** -2 / self.turn**2
+        together = (1 + (way**2).sum(1, keepdims=True) / APART_PLACE**2) ** -2 / self.place**2
+        diagonal[:, 3:] += np.broadcast_to(joined, turns.shape).reshape(len(turns), -1)
+        pull[:, 3:] += (joined * turns).reshape(len(turns), -1)
+        diagonal[:, :3] += together
+        pull[:, :3] += together * way
+
+
 def fit_poses(bones: Bones, points: Points) -> Poses:
     """Of all frames, whose landmarks are `points`."""
     prior = rest_pose()
-    poses = first_poses(bones, points)
+    poses, ties = first_poses(bones, points), None
     for step in tqdm(range(STEPS), desc="poses", unit="step", leave=False):
+        if step == FREE_STEPS and len(poses.place) > 1:
+            ties = Ties.of(poses)
         change = np.concatenate(
             [
-                _steps(bones, points, poses, slice(start, start + CHUNK), prior, step)
+                _steps(bones, points, poses, slice(start, start + CHUNK), prior, ties)
                 for start in range(0, len(poses.place), CHUNK)
             ]
         )
@@ -153,26 +182,13 @@ def _swing(bone: np.ndarray, way: np.ndarray) -> np.ndarray:
 
 
 def _sigmas() -> np.ndarray:
-    """(q,) σ_j of the joints that are sought; the root's is infinite."""
-    trunk = {*BODY_GROUPS["torso"], *BODY_GROUPS["head"], "left_collar", "right_collar"}
-    found = []
-    for joint in TURNED:
-        name = JOINT_NAMES[joint]
-        part = name.partition("_")[2]
-        sigma = (
-            TRUNK_SIGMA
-            if name in trunk
-            else FINGER_SIGMA
-            if joint >= 25
-            else WRIST_SIGMA
-            if part in ("wrist", "ankle", "foot")
-            else LIMB_SIGMA
-        )
-        found.append(np.inf if joint == 0 else sigma)
-    return np.array(found)
+    """(q, 3) σ_j of the joints that are sought, by axis: a knee bends and hardly twists; the root's are infinite."""
+    sigma = np.maximum((LIMITS[..., 1] - LIMITS[..., 0])[list(TURNED)] / 2, LEAST_RANGE)
+    sigma[0] = np.inf
+    return np.asarray(sigma)
 
 
-def _steps(bones: Bones, points: Points, poses: Poses, part: slice, prior: np.ndarray, step: int) -> np.ndarray:
+def _steps(bones: Bones, points: Points, poses: Poses, part: slice, prior: np.ndarray, ties: Ties | None) -> np.ndarray:
     """(t, m) steps of some frames."""
     some = Poses(poses.turns[part], poses.place[part])
     rows, away, weight = _landmark_rows(bones, points, some, part)
@@ -183,13 +199,13 @@ def _steps(bones: Bones, points: Points, poses: Poses, part: slice, prior: np.nd
     beyond = angle - np.clip(angle, LIMITS[list(TURNED), :, 0], LIMITS[list(TURNED), :, 1])
     beyond[:, 0] = 0
     diagonal, pull = np.zeros((len(angle), UNKNOWNS)), np.zeros((len(angle), UNKNOWNS))
-    sigma = np.repeat(_sigmas(), 3) ** -2.0
+    sigma = _sigmas().ravel() ** -2.0
     bound = (beyond != 0).reshape(len(angle), -1) / LIMIT_SIGMA**2
     diagonal[:, 3:] = sigma + bound + 1e-3
     pull[:, 3:] = sigma * (prior[list(TURNED)] - angle).reshape(len(angle), -1) - bound * beyond.reshape(len(angle), -1)
     diagonal[:, :3] = 1e-3
-    if step and len(poses.place) > 1:
-        _smooth(poses, part, diagonal, pull)
+    if ties is not None:
+        ties.add(poses, part, diagonal, pull)
     matrix[:, np.arange(UNKNOWNS), np.arange(UNKNOWNS)] += diagonal
     solved = np.linalg.solve(matrix, (right + pull)[..., None])[..., 0]
     solved[:, 3:] = np.clip(solved[:, 3:], -LONGEST_STEP, LONGEST_STEP)
@@ -228,10 +244,9 @@ def _below(parents: tuple[int, ...]) -> np.ndarray:
     return below
 
 
-def _smooth(poses: Poses, part: slice, diagonal: np.ndarray, pull: np.ndarray) -> None:
-    """Add what neighbouring frames say; frames at the ends have one."""
+def _off_middles(poses: Poses, frames: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """From each frame to the middle of its neighbours, frames at the ends have one: turns (t, q, 3) and way (t, 3)."""
     count = len(poses.place)
-    frames = np.arange(count)[part]
     before, after = np.maximum(frames - 1, 0), np.minimum(frames + 1, count - 1)
     before, after = np.where(frames == 0, after, before), np.where(frames == count - 1, before, after)
     here = poses.turns[frames][:, list(TURNED)].reshape(-1, 3, 3)
@@ -242,14 +257,8 @@ def _smooth(poses: Poses, part: slice, diagonal: np.ndarray, pull: np.ndarray) -
         ).as_rotvec()
         for other in (before, after)
     ]
-    middle = (ways[0] + ways[1]).reshape(len(frames), -1, 3) / 2
-    away = (poses.place[before] + poses.place[after]) / 2 - poses.place[frames]
-    joined = (1 + (middle**2).sum(2, keepdims=True) / APART**2) ** -2 / SMOOTH_SIGMA**2
-    together = (1 + (away**2).sum(1, keepdims=True) / APART_PLACE**2) ** -2 / SMOOTH_PLACE**2
-    diagonal[:, 3:] += np.broadcast_to(joined, middle.shape).reshape(len(frames), -1)
-    pull[:, 3:] += (joined * middle).reshape(len(frames), -1)
-    diagonal[:, :3] += together
-    pull[:, :3] += together * away
+    turns = (ways[0] + ways[1]).reshape(len(frames), -1, 3) / 2
+    return turns, (poses.place[before] + poses.place[after]) / 2 - poses.place[frames]
 
 
 def _stepped(poses: Poses, change: np.ndarray) -> Poses:

@@ -10,14 +10,16 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
-from scipy.ndimage import map_coordinates
+from jaxtyping import Shaped
 
 from avatarrex.camera import Camera
 from avatarrex.capture.fit.check import FOREGROUND, compared_frames, posed_in_world, reduced, silhouette
 from avatarrex.capture.readers.rigs import Capture
 from avatarrex.capture.readers.splits import Splits
+from avatarrex.ops.native import borrowing, native
 from avatarrex.signals.driving import Signals
 from avatarrex.templates.person import Person
 
@@ -32,6 +34,7 @@ RIM_SEARCH = 0.06
 SEARCH_STEP = 0.001
 """Metres between the places that are looked at along a normal; the edge between two of them is interpolated."""
 
+Array = Shaped[np.ndarray, "..."]
 Sight = tuple[Camera, Callable[[], np.ndarray]]
 """A camera, and what reads its matte (h, w), bytes."""
 
@@ -123,15 +126,37 @@ def _edges(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def to_edge(matte: np.ndarray, pixel: np.ndarray, along: np.ndarray, scale: np.ndarray, search: float) -> np.ndarray:
     """Metres along the outward direction to the nearest place where the matte ends; NaN where none is within `search`."""
-    count = round(search / SEARCH_STEP)
-    steps = np.linspace(-search, search, 2 * count + 1)
-    places = pixel[:, None] + along[:, None] * (steps[None, :, None] * scale[:, None, None])
-    bilinear = map_coordinates(matte.astype(np.float32), np.moveaxis(places[..., ::-1], -1, 0) - 0.5, order=1)
-    value = bilinear - FOREGROUND  # zero beyond the picture's edge
-    leaves = (value[:, :-1] > 0) & (value[:, 1:] <= 0)
-    nearest = np.where(leaves, np.abs(steps[:-1] + steps[1:]), np.inf)
-    best = nearest.argmin(1)
-    row = np.arange(len(best))
-    high, low = value[row, best], value[row, best + 1]
-    exact = steps[best] + (steps[1] - steps[0]) * high / np.maximum(high - low, 1e-6)
-    return np.where(leaves.any(1), exact, np.nan)
+    found = np.full(len(pixel), np.nan)
+    step = along * scale[:, None] * SEARCH_STEP
+    _find_edges(matte.astype(np.float32), FOREGROUND, pixel - 0.5, step, round(search / SEARCH_STEP), found)
+    return found * SEARCH_STEP
+
+
+@native
+def _find_edges(matte: Array, least: int, pixel: Array, step: Array, count: int, found: Array) -> Any:
+    """Into `found` (e,) how many steps (e, 2) it is from `pixel` (e, 2), within `count` to either side, nearest first, inside before."""
+    for e in range(len(pixel)):
+        for k in range(count):
+            for near in (-k - 1, k):
+                high = _level(matte, least, pixel[e, 0] + near * step[e, 0], pixel[e, 1] + near * step[e, 1])
+                if high <= 0:
+                    continue
+                low = _level(matte, least, pixel[e, 0] + (near + 1) * step[e, 0], pixel[e, 1] + (near + 1) * step[e, 1])
+                if low <= 0:
+                    found[e] = near + high / max(high - low, 1e-6)
+                    break
+            if found[e] == found[e]:
+                break
+
+
+@borrowing
+def _level(matte: Array, least: int, column: float, row: float) -> Any:
+    """The matte between its pixels' centres, less `least`; it is zero beyond them."""
+    height, width = matte.shape
+    if not (0 <= column <= width - 1 and 0 <= row <= height - 1):
+        return -1.0 * least
+    x, y = min(int(column), width - 2), min(int(row), height - 2)
+    right, down = column - x, row - y
+    above = (1 - right) * matte[y, x] + right * matte[y, x + 1]
+    below = (1 - right) * matte[y + 1, x] + right * matte[y + 1, x + 1]
+    return (1 - down) * above + down * below - least

@@ -30,8 +30,9 @@ from avatarrex.capture.zbuffer import NEAREST_DEPTH
 from avatarrex.signals.driving import Signals
 from avatarrex.templates.person import Person
 
-OUTLINE_LENGTH, OUTLINE_SIGMA = 0.05, 0.02
-"""Metres of outline that count as one measurement, and its σ: neighbours err together, by clothes and flesh."""
+OUTLINE_LENGTH, NAKED_SIGMA, DRESSED_SIGMA = 0.05, 0.02, 0.01
+"""Metres of outline that count as one measurement, and its σ: neighbours err together, by clothes and flesh, less once the skin is on
+the mattes."""
 KEYPOINT_SIGMA, KEYPOINT_OUTLIER = 0.006, 0.03
 """Of a picture's longer side: σ of a keypoint of confidence 1, and where its weight has fallen to ¼ (Geman–McClure)."""
 TURN_SIGMA, PLACE_SIGMA, SHAPE_SIGMA = 0.05, 0.02, 0.3
@@ -73,6 +74,8 @@ class Round:
     """Metres to look for the matte's edge."""
     outlier: float
     """Metres at which an outline's weight has fallen to ¼."""
+    sigma: float = DRESSED_SIGMA
+    """Metres, of the outlines."""
 
 
 @dataclass(eq=False)
@@ -101,7 +104,7 @@ def pose_equations(person: Person, shot: Shot, signals: Signals, step: Round, sh
     ends = person.body.v_template[outline.vertices].double().numpy()
     length = np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)
     robust = (1 + (outline.distance / step.outlier) ** 2) ** -2
-    found.add(rows, outline.distance, robust * length / (OUTLINE_LENGTH * OUTLINE_SIGMA**2))
+    found.add(rows, outline.distance, robust * length / (OUTLINE_LENGTH * step.sigma**2))
     change = levers.of_joints(tuple(range(55)))
     if shape is not None:
         change = np.concatenate([change, joints_change(person, signals, shape[1])[..., 3:]], 2)
@@ -119,7 +122,7 @@ def pose_equations(person: Person, shot: Shot, signals: Signals, step: Round, sh
 
 def add_pattern(found: Equations, person: Person, signals: Signals, pull: Pull) -> None:
     """Let colours draw at the equations of a pose."""
-    rows = Levers.of(person, signals).of_edges(np.stack([pull.vertex, pull.vertex], 1), pull.axis)
+    rows = Levers.of(person, signals).of_edges(pull.vertex[:, None], pull.axis)
     found.add(rows, pull.distance, pull.weight)
 
 

@@ -8,6 +8,7 @@ stay as they were tracked. Letters: t frames, j joints.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -16,9 +17,9 @@ from tqdm import tqdm
 
 from avatarrex.capture.fit.check import shown_frames
 from avatarrex.capture.fit.outlines import Seen
-from avatarrex.capture.fit.paint import Paint
+from avatarrex.capture.fit.paint import Paint, Posed
 from avatarrex.capture.fit.photo import Photo
-from avatarrex.capture.fit.pose_fit import Marks, Round, Shot, fit_pose, fit_shape, keypoint_cost
+from avatarrex.capture.fit.pose_fit import NAKED_SIGMA, Marks, Round, Shot, fit_pose, fit_shape, keypoint_cost
 from avatarrex.capture.fit.surface_fit import fit_to_mattes
 from avatarrex.capture.readers.rigs import Capture, Rig
 from avatarrex.capture.readers.splits import Splits
@@ -30,17 +31,19 @@ SHAPE_FRAMES = 20
 """Of each rig (paper)."""
 SKIN_FRAMES = 6
 """Of each rig: each limb is then seen along and across."""
-SHAPE_ROUNDS = (Round(0.06, 0.03), Round(0.04, 0.02))
+SHAPE_ROUNDS = (Round(0.06, 0.03, NAKED_SIGMA), Round(0.04, 0.02, NAKED_SIGMA))
 """Each after the skin has been fitted to the poses that are known by then: without clothes on it shape takes them for flesh."""
 CLEARLY = 0.8
 """Share of the cost that poses by outlines may have: they follow the noise of a frame's keypoints, by 1 % on a prepared capture."""
 BLURS = (0.010, 0.005)
-"""Metres, round by round, in which colours of those frames are compared; each paints anew."""
+"""Metres, round by round, in which colours of those frames are compared; each paints anew, and ends with the skin on the mattes again."""
 PATTERN_ROUNDS = (Round(0.04, 0.02),) * 3
 """By colours, too."""
 NEAR = 2
 """Rounds of a pose after which its colours are within reach: two more change nothing (3.6 and 3.5 mm, 21.95 and 21.90 dB)."""
 POSE_ROUNDS = (Round(0.08, 0.05), Round(0.06, 0.03), Round(0.04, 0.02), Round(0.04, 0.02))
+NAKED_ROUNDS = (Round(0.08, 0.05, NAKED_SIGMA), Round(0.06, 0.03, NAKED_SIGMA))
+"""Before the skin is on the mattes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +72,13 @@ def refine_body(capture: Capture, colours: bool = True) -> Body:
         poses, change = fit_shape(dressed, shots, poses, off, step)
         off = off + change
     dressed = _dressed(_shaped(capture, first, off), shots, poses)
-    return Body(dressed, _paint(dressed, shots, poses) if colours else None)
+    if not colours:
+        return Body(dressed)
+    for blur in tqdm(BLURS, desc="refine colours", unit="round", leave=False):
+        paint = Paint.of(dressed, _shown(shots, poses), blur)
+        poses = [fit_pose(dressed, one, pose, PATTERN_ROUNDS[:1], paint) for one, pose in zip(shots, poses)]
+        dressed = _dressed(_shaped(capture, first, off), shots, poses)
+    return Body(dressed, Paint.of(dressed, _shown(shots, poses)))
 
 
 def refine_pose(body: Body, rig: Rig, frame: int) -> Signals:
@@ -86,7 +95,7 @@ def first_poses(person: Person, shots: list[Shot]) -> list[Signals]:
 
     Outlines of the naked template are drawn by clothes, and a skin that is fitted there keeps them. What reading a matte raises is raised.
     """
-    outlined = [fit_pose(person, one, one.first, POSE_ROUNDS[:2]) for one in tqdm(shots, "refine shape", leave=False)]
+    outlined = [fit_pose(person, one, one.first, NAKED_ROUNDS) for one in tqdm(shots, "refine shape", leave=False)]
     tracked = [one.first for one in shots]
     ways, found = (sum(map(partial(keypoint_cost, person), shots, poses)) for poses in (tracked, outlined))
     return outlined if found <= CLEARLY * ways else tracked
@@ -98,12 +107,9 @@ def _dressed(person: Person, shots: list[Shot], poses: list[Signals]) -> Person:
     return fit_to_mattes(person, [one.at(pose) for one, pose in zip(shots[few], poses[few])])
 
 
-def _paint(person: Person, shots: list[Shot], poses: list[Signals]) -> Paint:
-    """The colours, when frames have been registered to each other by them."""
-    for blur in tqdm(BLURS, desc="refine colours", unit="round", leave=False):
-        paint = Paint.of(person, zip(poses, (one.photos for one in shots)), blur)
-        poses = [fit_pose(person, one, pose, PATTERN_ROUNDS[:1], paint) for one, pose in zip(shots, poses)]
-    return Paint.of(person, zip(poses, (one.photos for one in shots)))
+def _shown(shots: list[Shot], poses: list[Signals]) -> Iterator[Posed]:
+    """The frames' pictures with their poses."""
+    return ((pose, one.photos) for one, pose in zip(shots, poses))
 
 
 def shot(rig: Rig, frame: int) -> Shot:
@@ -130,7 +136,8 @@ def _starting_fit(capture: Capture) -> PersonFit:
     """The capture's person as one that is resized."""
     if capture.person.fit is not None:
         return replace(capture.person.fit, surface=None)
-    return PersonFit(next(iter(capture.rigs.values())).signals[0].shape, np.zeros((55, 3)))
+    rig = next(iter(capture.rigs.values()))
+    return PersonFit(rig.signals[Splits.of(rig).train.frames[0]].shape, np.zeros((55, 3)))
 
 
 def _shaped(capture: Capture, first: PersonFit, off: np.ndarray) -> Person:
