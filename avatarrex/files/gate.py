@@ -161,7 +161,8 @@ def written(path: str | Path) -> Iterator[Path]:
 def remove_unfinished(folder: str | Path, below: bool = True) -> None:
     """Remove files that a killed process did not write to their ends, from a folder that nobody else writes to; also `below` it."""
     for path in Path(folder).glob(f"{'**/' if below else ''}{UNFINISHED}*"):
-        path.unlink(missing_ok=True)
+        if path.is_file():
+            path.unlink(missing_ok=True)
 
 
 @contextmanager

@@ -24,6 +24,8 @@ SIGMA, NEAREST = 0.01, 8
 """Metres: σ of a node's Gaussian; how many nodes move a vertex."""
 FADE = (0.02, 0.035)
 """Metres from the nearest node at which an offset begins to fade, and where it is 0."""
+MOST_NODES, MOST_DIRECTIONS, LARGEST = 1000, 64, 0.2
+"""Of a file: memory for each, and metres (for a whole unit of ψ) that a face differs by at most."""
 DIGITS = 6
 """Of metres and coefficients that are kept: a micrometre."""
 
@@ -43,11 +45,16 @@ class FaceOffsets:
 
     def __post_init__(self) -> None:
         n = len(self.vertices)
+        if not 0 < n <= MOST_NODES or len(set(self.vertices)) < n:
+            raise InputError("person fit", "face.vertices", f"1 to {MOST_NODES} different indices", n)
         k, e = np.shape(self.directions) if np.ndim(self.directions) == 2 else (0, 0)
-        for name, shape in (("rest", (n, 3)), ("directions", (k, e)), ("moves", (n, 3, k))):
+        wanted = {"rest": ((n, 3), LARGEST), "directions": ((k, e), 1.0), "moves": ((n, 3, k), LARGEST)}
+        for name, (shape, most) in wanted.items():
             value = np.asarray(getattr(self, name), dtype=np.float64).round(DIGITS)
-            if value.shape != shape or not (np.abs(value) < 2).all():
-                raise InputError("person fit", f"face.{name}", f"{shape} finite numbers below 2", value.shape)
+            if value.shape != shape or k > MOST_DIRECTIONS or not (np.abs(value) <= most).all():
+                raise InputError(
+                    "person fit", f"face.{name}", f"{shape} finite numbers, none beyond {most}", value.shape
+                )
             object.__setattr__(self, name, value)
 
     def to_json(self) -> dict[str, Any]:
@@ -58,12 +65,14 @@ class FaceOffsets:
     @classmethod
     def from_json(cls, data: dict[str, Any]) -> FaceOffsets:
         """From `to_json`'s object. Raises `InputError`, TypeError, ValueError or KeyError."""
-        count = len(data["vertices"])
+        vertices = data["vertices"]
+        if not isinstance(vertices, list) or not all(type(vertex) is int for vertex in vertices):
+            raise InputError("person fit", "face.vertices", "a list of integers", repr(vertices)[:60])
         rest, moves = (np.array(data[name], dtype=np.float64) for name in ("rest", "moves"))
         directions = np.array(data["directions"], dtype=np.float64)
         if not directions.size:
-            directions, moves = np.zeros((0, 0)), np.zeros((count, 3, 0))
-        return cls(tuple(map(int, data["vertices"])), rest, directions, moves)
+            directions = np.zeros((0, 0))
+        return cls(tuple(vertices), rest, directions, moves)
 
     def shapes(self, body: TemplateModel) -> tuple[np.ndarray, np.ndarray]:
         """Of every vertex of the original `body` what is added at rest (v, 3), and to its expression shapes (v, 3, e).
@@ -85,10 +94,9 @@ def node_weights(body: TemplateModel, nodes: tuple[int, ...]) -> csr_array:
     if not nodes or min(nodes) < 0 or max(nodes) >= len(body.v_template):
         raise InputError("person fit", "face.vertices", f"indices below {len(body.v_template)}", nodes[:8])
     away = dijkstra(mesh_edges(body), indices=list(nodes), limit=FADE[1]).T
-    nearest = np.argsort(away, 1)[:, :NEAREST]
-    away = np.take_along_axis(away, nearest, 1)
-    reached = np.flatnonzero(np.isfinite(away[:, 0]))
-    away, nearest = away[reached], nearest[reached]
+    reached = np.flatnonzero(np.isfinite(away).any(1))
+    nearest = np.argsort(away[reached], 1, kind="stable")[:, :NEAREST]
+    away = np.take_along_axis(away[reached], nearest, 1)
     value = np.exp(-0.5 * (away / SIGMA) ** 2)
     value *= np.clip((FADE[1] - away[:, :1]) / (FADE[1] - FADE[0]), 0, 1) / value.sum(1, keepdims=True)
     rows = np.repeat(reached, value.shape[1])

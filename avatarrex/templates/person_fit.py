@@ -1,4 +1,4 @@
-"""Another body's size on a person's template: shape, offsets of the joints, and offsets of the skin.
+"""Another body's size on a person's template: shape, offsets of the joints, offsets of the skin, and a face (face_offsets.py).
 
 The skin follows the joints' offsets by the smooth field that interpolates them, φ(r) = r with an affine part, in which a
 bone takes its flesh along evenly; then its own offsets are added. Letters: v vertices, j joints, n offsets. Metres, root
@@ -63,6 +63,7 @@ class PersonFit:
     """(55, 3) metres, root frame; the pelvis stays: its row is zero."""
     surface: SurfaceOffsets | None = None
     face: FaceOffsets | None = None
+    """What its face differs by, at rest and with expressions; None: the template's."""
 
     def __post_init__(self) -> None:
         for name, shape in (("shape", (10,)), ("joint_offsets", (55, 3))):
@@ -96,7 +97,7 @@ class PersonFit:
             if "face" in data:
                 face = FaceOffsets.from_json(data["face"])
             return cls(shape, offsets, surface, face)
-        except (TypeError, ValueError, KeyError) as error:
+        except (TypeError, ValueError, KeyError, OverflowError) as error:
             if not isinstance(error, InputError):
                 raise InputError(source, "person_fit", "lists of numbers", "another form") from None
             raise InputError(source, f"person_fit.{error.field}", error.expected, error.found) from None

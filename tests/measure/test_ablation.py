@@ -188,14 +188,15 @@ def test_a_study_of_the_body_is_complete_and_not_done_twice(capture, tmp_path, m
     assert all(study.finish(VARIANTS[name], seed) is not None for name, seed in done)
     found = rows(study, variants, seeds)
     assert [row.name for row in found] == [
-        "naked textured mesh", "mean-colour mesh", "fitted textured mesh", "full", "no-pass-two", "volume-test-time"
+        "naked textured mesh", "mean-colour mesh", "fitted textured mesh", "fitted mesh, own face",
+        "full", "no-pass-two", "volume-test-time",
     ]  # fmt: skip
     wanted = {*MEASURES, "parameters", "steps", "minutes", "cpu_minutes", "samples_per_ray", "seconds_per_picture"}
-    for row in found[3:]:
+    for row in found[4:]:
         assert wanted - {"lpips_matte"} <= set(row.values), row.name
         assert all(len(values) == len(row.seeds) for values in row.values.values())
         assert set(row.values["steps"]) == {3}, "one pass takes as many steps as two"
-    assert [row.seeds for row in found] == [[], [], [], [0], [0, 1], [0]]
+    assert [row.seeds for row in found] == [[], [], [], [], [0], [0, 1], [0]]
     given = {answer.question: answer.differences for answer in answers(found)}
     assert set(given) == {q for q, *pair in QUESTIONS if set(pair) <= {row.name for row in found}}
     values = {row.name: row.values for row in found}

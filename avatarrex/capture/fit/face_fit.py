@@ -20,10 +20,11 @@ import numpy as np
 from scipy.linalg import solve
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
+from scipy.spatial import cKDTree
 from tqdm import tqdm
 
-from avatarrex.capture.fit.check import posed_in_world
-from avatarrex.capture.fit.paint import Points, Posed, mean_colours, sights, trust
+from avatarrex.capture.fit.check import compared_frames, posed_in_world
+from avatarrex.capture.fit.paint import Points, Posed, mean_colours, sights, trust, without_common
 from avatarrex.capture.fit.refine import shot
 from avatarrex.capture.readers.rigs import Capture, Rig
 from avatarrex.capture.readers.splits import Splits
@@ -33,15 +34,17 @@ from avatarrex.templates.face_offsets import FaceOffsets, mesh_edges, node_weigh
 from avatarrex.templates.model import TemplateModel
 from avatarrex.templates.person import Person, load_person, resize_person
 
-FRAMES = 12
-"""Of the training's, the most different expressions."""
+FRAMES, ALIKE = 16, 1e-3
+"""Of the training's, the most different expressions; and how near in ψ and radians those are that count as one."""
 DIRECTIONS, LEAST = 8, 0.02
 """Directions of ψ at most, and the root mean square along the least of them."""
 POINT_COUNT = 20_000
 """A point each 2 mm."""
+PATCHES = 12
+"""Of points: what all of one have in common in a picture is light and exposure."""
 SPACING = 0.015
 """Metres between the nodes, along the mesh."""
-BLURS = (0.006, 0.004, 0.003)
+BLURS = (0.006, 0.005, 0.004, 0.003, 0.002)
 """Metres, by round: Gaussians of the pictures. The first rounds see what lies far off."""
 REST_SIGMA, MOVE_SIGMA = 0.01, 0.005
 """σ_o along the normal, and σ_d of a whole unit of ψ: metres."""
@@ -58,14 +61,14 @@ INNER = ("left_eye", "right_eye", "upper_teeth", "lower_teeth", "tongue")
 
 
 def fit_face(capture: Capture) -> Person:
-    """`capture.person` with its face as the training's pictures of the face rig show it; as it is, where there is no such rig, or the face
-    has a mesh of its own. Raises `InputError` for a picture that cannot be decoded.
+    """`capture.person` with its face as the training's pictures of the face rig show it; as it is, where there is no such rig, where nobody
+    tracked expressions or jaw, or the face has a mesh of its own. Raises `InputError` for a picture that cannot be decoded.
     """
     person, rig = capture.person, capture.rigs.get("face")
     if rig is None or person.fit is None or (person.face.body_vertex_ids < 0).any():
         return person
     frames = _different(rig, Splits.of(rig).train.frames)
-    posed = [(one.first, one.photos) for one in (shot(rig, frame) for frame in frames)]
+    posed = [(rig.signals[frame], shot(rig, frame).photos) for frame in frames]
     return fit_to_pictures(person, posed) if posed else person
 
 
@@ -91,7 +94,7 @@ class _Field:
 
     def __init__(self, base: Person, points: Points, directions: np.ndarray, mean: np.ndarray) -> None:
         faces = base.body.faces.numpy()
-        self.directions, self.mean = directions, mean
+        self.directions, self.mean, self.patch = directions, mean, points.patch
         self.nodes, between = _spread(base.body, np.unique(faces[points.face]))
         self.skin, self.place = np.unique(faces[points.face, points.share.argmax(1)], return_inverse=True)
         self.weights = node_weights(base.body, self.nodes)[self.skin]
@@ -112,8 +115,9 @@ class _Field:
             phi = np.array([1.0, *self.directions @ (one.expression - self.mean)])
             for row, cosine, colour, slope in pictures:
                 shown = known[row]
-                row, off = row[shown], (mean[row] - colour)[shown]
-                sums.add(row, slope[shown] @ turn[self.place[row]], off, STRENGTH * cosine[shown] * trust(off), phi)
+                row, weight = row[shown], STRENGTH * cosine[shown]
+                off = without_common(self.patch[row], weight, mean[row] - colour[shown])
+                sums.add(row, slope[shown] @ turn[self.place[row]], off, weight * trust(off), phi)
         self.now += self._solved(*sums.equations())
 
     def _solved(self, form: np.ndarray, pull: np.ndarray) -> np.ndarray:
@@ -131,7 +135,8 @@ class _Field:
             for j in range(3):
                 whole[each, i * k, each, j * k] += self.sideways[:, i, j]
             right[:, i * k] -= (self.sideways[:, i] * self.now[..., 0]).sum(1)
-        found: np.ndarray = solve(whole.reshape(right.size, -1), right.ravel(), overwrite_a=True, assume_a="pos")
+        system = whole.reshape(right.size, -1).T  # symmetric, and in LAPACK's order
+        found: np.ndarray = solve(system, right.ravel(), overwrite_a=True, assume_a="pos")
         return found.reshape(self.now.shape)
 
     def offsets(self) -> FaceOffsets:
@@ -184,7 +189,10 @@ def _points(base: Person) -> Points:
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1) * (own[faces].all(1) & ~inner[faces].any(1))
     rng = np.random.default_rng(0)
     chosen = np.sort(rng.choice(len(faces), POINT_COUNT, p=area / area.sum()))
-    return Points(chosen, rng.dirichlet(np.ones(3), POINT_COUNT), np.zeros(POINT_COUNT, np.int64))
+    share = rng.dirichlet(np.ones(3), POINT_COUNT)
+    place = np.einsum("pk,pkc->pc", share, body.v_template.double().numpy()[faces[chosen]])
+    centres = place[rng.choice(POINT_COUNT, PATCHES, replace=False)]
+    return Points(chosen, share, cKDTree(centres).query(place)[1])
 
 
 def _directions(expressions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -195,17 +203,22 @@ def _directions(expressions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _different(rig: Rig, frames: Sequence[int]) -> list[int]:
-    """At most `FRAMES` of the frames, each as different in expression from those before as can be."""
-    if not frames:
+    """At most `FRAMES` of the frames, each as different in expression and jaw from those before as can be; where there are no more
+    differences evenly spread ones. None where all are zero: then nobody tracked them, and a smile would be taken for rest.
+    """
+    signals = [rig.signals[frame] for frame in frames]
+    driven = np.array([[*one.expression, *one.jaw_pose, *one.eye_pose.ravel()] for one in signals]).reshape(
+        len(frames), -1
+    )
+    if not driven.any():
         return []
-    expressions = np.stack([rig.signals[frame].expression for frame in frames])
-    chosen = [int(np.linalg.norm(expressions - expressions.mean(0), axis=1).argmax())]
-    away = np.full(len(frames), np.inf)
-    while len(chosen) < min(FRAMES, len(frames)):
-        away = np.minimum(away, np.linalg.norm(expressions - expressions[chosen[-1]], axis=1))
-        away[chosen] = -1
+    chosen = [int(np.linalg.norm(driven - driven.mean(0), axis=1).argmax())]
+    away = np.linalg.norm(driven - driven[chosen[0]], axis=1)
+    while len(chosen) < FRAMES and away.max() > ALIKE:
         chosen.append(int(away.argmax()))
-    return sorted(frames[row] for row in chosen)
+        away = np.minimum(away, np.linalg.norm(driven - driven[chosen[-1]], axis=1))
+    more = [row for row in compared_frames(len(frames), FRAMES) if row not in chosen]
+    return sorted(frames[row] for row in [*chosen, *more][:FRAMES])
 
 
 def _spread(body: TemplateModel, skin: np.ndarray) -> tuple[tuple[int, ...], np.ndarray]:

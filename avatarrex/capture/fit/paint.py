@@ -100,18 +100,11 @@ class Paint:
         for row, cosine, colour, slope in sights(person, self.points, posed, self.blur):
             known = self.known[row]
             row, weight, slope = row[known], cosine[known], slope[known]
-            off = self._pattern(row, weight, self.colour[row] - colour[known])
+            off = without_common(self.points.patch[row], weight, self.colour[row] - colour[known])
             weight = weight * trust(off)
             curved[row] += np.einsum("p,pcx,pcy->pxy", weight, slope, slope)
             along[row] += np.einsum("p,pcx,pc->px", weight, slope, off)
         return Pull.of(person, self.points, curved, along)
-
-    def _pattern(self, row: np.ndarray, weight: np.ndarray, off: np.ndarray) -> np.ndarray:
-        """Differences (p, 3) of points `row` without what their patches have in common."""
-        patch = self.points.patch[row]
-        total = np.bincount(patch, weight, PATCHES) + 1e-6
-        mean = np.stack([np.bincount(patch, weight * channel, PATCHES) / total for channel in off.T], 1)
-        return np.asarray(off - mean[patch])
 
 
 @dataclass(frozen=True)
@@ -154,6 +147,14 @@ def mean_colours(
             total[row] += weight[:, None] * np.column_stack([np.ones(len(row)), colour])
         mean = total[:, 1:] / np.maximum(total[:, :1], 1e-12)
     return mean, total[:, 0] > SEEN
+
+
+def without_common(patch: np.ndarray, weight: np.ndarray, off: np.ndarray) -> np.ndarray:
+    """Differences (p, 3) without what points of a `patch` (p,) have in common: light, shadow and exposure."""
+    count = int(patch.max(initial=0)) + 1
+    total = np.bincount(patch, weight, count) + 1e-6
+    mean = np.stack([np.bincount(patch, weight * channel, count) / total for channel in off.T], 1)
+    return np.asarray(off - mean[patch])
 
 
 def sights(
