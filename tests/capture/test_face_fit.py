@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from capture.tiny_capture import TinyCapture
+from scipy.spatial.transform import Rotation
 
 from avatarrex.camera import Camera
 from avatarrex.capture.fit import face_fit
@@ -32,7 +33,13 @@ STRIPES = 2 * np.pi / 0.04
 """Radians a metre at rest."""
 JAW = EXPRESSION_NAMES.index("jawOpen")
 HEAD = load_person().body.joint_template.double().numpy()[JOINT_NAMES.index("head")]
-CAMERAS = [Camera.orbit(angle, 5, 0.7, 30, tuple(HEAD + np.array([0, 0.05, 0.05])), 200, 240) for angle in (-50, 0, 50)]
+TURN = 1.2
+"""Radians: far enough that slopes in the world's axes are not those of rest."""
+Y_TURN = Rotation.from_rotvec([0, TURN, 0]).as_matrix()
+CAMERAS = [
+    Camera.orbit(np.degrees(TURN) + angle, 5, 0.7, 30, tuple(Y_TURN @ (HEAD + np.array([0, 0.05, 0.05]))), 200, 240)
+    for angle in (-50, 0, 50)
+]
 NECK = JOINT_NAMES.index("neck") - 1
 """Row of the body's pose."""
 EXPRESSIONS: tuple[dict[str, float], ...] = ({}, {"jawOpen": 0.8}, {"mouthSmileLeft": 0.9, "mouthSmileRight": 0.9})
@@ -48,7 +55,7 @@ def signals(names: dict[str, float]) -> Signals:
         expression[EXPRESSION_NAMES.index(name)] = value
     turned = np.zeros((21, 3))
     turned[NECK] = 0.1, 0.2, -0.1
-    return Signals.rest().replace(expression=expression, global_orient=np.array([0.1, -0.3, 0.05]), body_pose=turned)
+    return Signals.rest().replace(expression=expression, global_orient=np.array([0, TURN, 0]), body_pose=turned)
 
 
 def photo(somebody: Person, one: Signals, camera: Camera, gain: float = 1.0) -> Photo:
@@ -68,7 +75,7 @@ def pictures(somebody: Person, gains: tuple[float, ...] = (1.0, 1.0, 1.0)) -> li
 def outer() -> np.ndarray:
     """Vertices of the face's skin that cameras see, none within the mouth."""
     body, face = load_person().body, load_person().face
-    vertices, faces = template_surface(person(), Signals.rest())[0], body.faces.numpy()
+    vertices, faces = template_surface(person(), signals({}))[0], body.faces.numpy()
     seen = np.concatenate([visible_faces(vertices, faces, camera)[0].ravel() for camera in CAMERAS])
     own = face.body_vertex_ids.numpy()[(face.blend_weight.numpy() > 0.9) & ~face.mouth.numpy()]
     return np.intersect1d(own, faces[np.unique(seen[seen >= 0])])
