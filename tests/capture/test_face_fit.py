@@ -120,6 +120,21 @@ def test_rest_and_expressions_are_found(other: Person, monkeypatch: pytest.Monke
         assert after < 0.75 * before  # nine pictures of a faint pattern, and priors that want less
 
 
+def test_flesh_lies_between_a_cheek_and_the_cavity_alone() -> None:
+    place = np.array([[0, 0, 0.008], [0, 0, 0.0], [0, 0, -0.003], [0, 0, -0.1]])
+    normal = np.array(
+        [[0, 0, 1.0], [0, 0, -1.0], [0, 0, 1.0], [0, 0, -1.0]]
+    )  # cheek, cavity; a lip below, and what is far
+    expected = np.zeros((4, 4))
+    expected[0, 1] = expected[1, 0] = 1
+    np.testing.assert_array_equal(face_fit._flesh(place, normal), expected)
+    apart = np.where(np.eye(4) > 0, 0, np.inf)
+    form = face_fit._differences(apart, expected)
+    step = np.array([0.002, -0.001, 5.0, 5.0])
+    assert step @ form @ step == pytest.approx(face_fit.FLESH * 0.003**2)
+    assert face_fit.FLESH > face_fit.TIE / 2
+
+
 def test_a_face_that_is_the_templates_stays(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(face_fit, "SPACING", 0.02)
     found = fit_to_pictures(person(), pictures(person()), (0.003,))

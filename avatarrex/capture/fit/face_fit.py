@@ -7,7 +7,8 @@ which the pictures agree is sought, over offsets (o, d) of nodes (templates/face
 
 with c a point's colour in a picture, t its mean, M the head's blended rotation, and φ the frame's expression along the directions in which
 the frames differ most. What one camera sees along its rays others see across them. Each round draws the points where the last one
-has them, in sharper pictures. Jaw and eyes turn as the template's do; teeth and tongue stay. Letters: p points, v vertices, n nodes,
+has them, in sharper pictures. t follows from the offsets, and is eliminated; o is the face at the frames' mean expression, and moves along
+the normal alone. Jaw and eyes turn as the template's do; teeth and tongue stay. Letters: p points, v vertices, n nodes,
 k directions and one more for rest, e coefficients. Metres; sRGB in [0, 1].
 """
 
@@ -52,9 +53,12 @@ SIDE_SIGMA = 0.0005
 """σ of o across the normal: a skin that slides on itself at rest shows the same colours."""
 NEIGHBOURS, TIE = 4, 4.0
 """How many differences a node has, and how much one counts."""
+THICK, BEHIND, FLESH = 0.013, 0.5, 4.0
+"""Metres of flesh between two nodes that are tied through it, cosine from which one is behind the other, and how many differences
+such a tie counts as."""
 STRENGTH = 100.0
 """1/σ_c², σ_c = 0.1 sRGB."""
-Sight = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+Seen = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 """Of a picture: rows of the points that it shows, cosines, colours, slopes."""
 INNER = ("left_eye", "right_eye", "upper_teeth", "lower_teeth", "tongue")
 """Groups of the template that no offset moves."""
@@ -100,11 +104,13 @@ class _Field:
         self.weights = node_weights(base.body, self.nodes)[self.skin]
         self.now = np.zeros((len(self.nodes), 3, 1 + len(directions)))
         sigma = np.array([REST_SIGMA, *[MOVE_SIGMA] * len(directions)])
-        normal = base.body.normals[list(self.nodes)].double().numpy()
+        place, normal = (each[list(self.nodes)].double().numpy() for each in (base.body.v_template, base.body.normals))
         self.sideways = (np.eye(3) - normal[:, :, None] * normal[:, None]) / SIDE_SIGMA**2
-        self.stiffness = (np.eye(len(self.nodes)) + TIE * _differences(between))[..., None] / sigma**2
+        self.stiffness = (np.eye(len(self.nodes)) + TIE * _differences(between, _flesh(place, normal)))[
+            ..., None
+        ] / sigma**2
 
-    def improve(self, person: Person, signals: Sequence[Signals], seen: Sequence[list[Sight]]) -> None:
+    def improve(self, person: Person, signals: Sequence[Signals], seen: Sequence[list[Seen]]) -> None:
         """One step of Gauss and Newton from the face of `person`; `seen` by frame and picture."""
         everything = [(row, cosine**2, colour) for pictures in seen for row, cosine, colour, _ in pictures]
         mean, known = mean_colours(everything, len(self.place))
@@ -234,11 +240,21 @@ def _spread(body: TemplateModel, skin: np.ndarray) -> tuple[tuple[int, ...], np.
         chosen.append(int(skin[reached.argmax()]))
 
 
-def _differences(ways: np.ndarray) -> np.ndarray:
-    """(n, n) whose form is Σ (o_n − o_m)² over nodes and those next to them by `ways` (n, n)."""
+def _flesh(place: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    """(n, n) 1 for two nodes with flesh between: each lies behind the other, as a cheek and the mouth's cavity, which no picture shows, do;
+    lips lie before each other."""
+    way = place[None] - place[:, None]
+    away = np.linalg.norm(way, axis=-1)
+    behind = (way * normal[:, None]).sum(-1) < -BEHIND * away
+    found: np.ndarray = (behind & behind.T & (away < THICK)).astype(float)
+    return found
+
+
+def _differences(ways: np.ndarray, flesh: np.ndarray) -> np.ndarray:
+    """(n, n) whose form is Σ (o_n − o_m)² over nodes and those next to them, by `ways` (n, n) along the mesh or through `flesh` (n, n)."""
     graph = np.zeros_like(ways)
     near = np.argsort(ways, 1)[:, 1 : 1 + NEIGHBOURS]
     np.put_along_axis(graph, near, np.isfinite(np.take_along_axis(ways, near, 1)).astype(float), 1)
-    graph = graph + graph.T
+    graph = graph + graph.T + FLESH * flesh
     form: np.ndarray = np.diag(graph.sum(1)) - graph
     return form
