@@ -21,7 +21,9 @@ from avatarrex.errors import InputError
 from avatarrex.templates.model import TemplateModel
 
 SIGMA, NEAREST = 0.01, 8
-"""Metres: σ of a node's Gaussian; how many nodes move a vertex."""
+"""Metres: σ of a node's Gaussian at most; how many nodes move a vertex."""
+NARROW = 0.65
+"""σ at most, of the way to the next node."""
 FADE = (0.02, 0.035)
 """Metres from the nearest node at which an offset begins to fade, and where it is 0."""
 MOST_NODES, MOST_DIRECTIONS, LARGEST = 1000, 64, 0.2
@@ -94,10 +96,13 @@ def node_weights(body: TemplateModel, nodes: tuple[int, ...]) -> csr_array:
     if not nodes or min(nodes) < 0 or max(nodes) >= len(body.v_template):
         raise InputError("person fit", "face.vertices", f"indices below {len(body.v_template)}", nodes[:8])
     away = dijkstra(mesh_edges(body), indices=list(nodes), limit=FADE[1]).T
+    between = away[list(nodes)]
+    np.fill_diagonal(between, np.inf)
+    sigma = np.minimum(SIGMA, NARROW * between.min(1))
     reached = np.flatnonzero(np.isfinite(away).any(1))
     nearest = np.argsort(away[reached], 1, kind="stable")[:, :NEAREST]
     away = np.take_along_axis(away[reached], nearest, 1)
-    value = np.exp(-0.5 * (away / SIGMA) ** 2)
+    value = np.exp(-0.5 * (away / sigma[nearest]) ** 2)
     value *= np.clip((FADE[1] - away[:, :1]) / (FADE[1] - FADE[0]), 0, 1) / value.sum(1, keepdims=True)
     rows = np.repeat(reached, value.shape[1])
     return csr_array((value.ravel(), (rows, nearest.ravel())), shape=(len(body.v_template), len(nodes)))

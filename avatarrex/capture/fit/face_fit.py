@@ -8,7 +8,7 @@ which the pictures agree is sought, over offsets (o, d) of nodes (templates/face
 with c a point's colour in a picture, t its mean, M the head's blended rotation, and φ the frame's expression along the directions in which
 the frames differ most. What one camera sees along its rays others see across them. Each round draws the points where the last one
 has them, in sharper pictures. t follows from the offsets, and is eliminated; o is the face at the frames' mean expression, and moves along
-the normal alone. Jaw and eyes turn as the template's do; teeth and tongue stay. Letters: p points, v vertices, n nodes,
+the normal alone. Eyeballs have a node each. Jaw and eyes turn as the template's do; teeth and tongue stay. Letters: p points, v vertices, n nodes,
 k directions and one more for rest, e coefficients. Metres; sRGB in [0, 1].
 """
 
@@ -40,15 +40,21 @@ FRAMES, ALIKE = 16, 1e-3
 DIRECTIONS, LEAST = 8, 0.02
 """Directions of ψ at most, and the root mean square along the least of them."""
 POINT_COUNT = 20_000
-"""A point each 2 mm."""
+"""A point each 2 mm, and more where nodes are fine."""
 PATCHES = 12
 """Of points: what all of one have in common in a picture is light and exposure."""
-SPACING = 0.015
-"""Metres between the nodes, along the mesh."""
-BLURS = (0.006, 0.005, 0.004, 0.003, 0.002)
+SPACING, FINE, WIDEN = 0.015, 0.01, 0.5
+"""Metres between the nodes, along the mesh; at lids and lips; and metres for each metre away from those."""
+EYES, TEETH = ("left_eye", "right_eye"), ("upper_teeth", "lower_teeth")
+"""Groups of the template."""
+FEATURES = ((EYES, 0.006), (TEETH, 0.012))
+"""What lids and lips lie about, and how many metres from it they end."""
+BLURS = (0.006, 0.005, 0.004, 0.003, 0.002, 0.0013)
 """Metres, by round: Gaussians of the pictures. The first rounds see what lies far off."""
 REST_SIGMA, MOVE_SIGMA = 0.01, 0.005
 """σ_o along the normal, and σ_d of a whole unit of ψ: metres."""
+EYE_SIGMA = 0.003
+"""σ of o of an eyeball, each way."""
 SIDE_SIGMA = 0.0005
 """σ of o across the normal: a skin that slides on itself at rest shows the same colours."""
 NEIGHBOURS, TIE = 4, 4.0
@@ -60,8 +66,8 @@ STRENGTH = 100.0
 """1/σ_c², σ_c = 0.1 sRGB."""
 Seen = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 """Of a picture: rows of the points that it shows, cosines, colours, slopes."""
-INNER = ("left_eye", "right_eye", "upper_teeth", "lower_teeth", "tongue")
-"""Groups of the template that no offset moves."""
+STILL = (*TEETH, "tongue")
+"""What no offset moves."""
 
 
 def fit_face(capture: Capture) -> Person:
@@ -100,15 +106,17 @@ class _Field:
         faces = base.body.faces.numpy()
         self.directions, self.mean, self.patch = directions, mean, points.patch
         self.nodes, between = _spread(base.body, np.unique(faces[points.face]))
+        eye = _of_groups(base.body, EYES)[list(self.nodes)]
         self.skin, self.place = np.unique(faces[points.face, points.share.argmax(1)], return_inverse=True)
         self.weights = node_weights(base.body, self.nodes)[self.skin]
         self.now = np.zeros((len(self.nodes), 3, 1 + len(directions)))
-        sigma = np.array([REST_SIGMA, *[MOVE_SIGMA] * len(directions)])
+        sigma = np.tile([REST_SIGMA, *[MOVE_SIGMA] * len(directions)], (len(self.nodes), 1))
+        sigma[eye, 0] = EYE_SIGMA
         place, normal = (each[list(self.nodes)].double().numpy() for each in (base.body.v_template, base.body.normals))
         self.sideways = (np.eye(3) - normal[:, :, None] * normal[:, None]) / SIDE_SIGMA**2
-        self.stiffness = (np.eye(len(self.nodes)) + TIE * _differences(between, _flesh(place, normal)))[
-            ..., None
-        ] / sigma**2
+        self.sideways[eye] = 0
+        tied = np.eye(len(self.nodes)) + TIE * _differences(between, _flesh(place, normal))
+        self.stiffness = tied[..., None] / (sigma[:, None] * sigma)
 
     def improve(self, person: Person, signals: Sequence[Signals], seen: Sequence[list[Seen]]) -> None:
         """One step of Gauss and Newton from the face of `person`; `seen` by frame and picture."""
@@ -189,10 +197,10 @@ def _points(base: Person) -> Points:
     ids, faces = face.body_vertex_ids.numpy(), body.faces.numpy()
     own, inner = np.zeros(len(body.v_template), bool), np.zeros(len(body.v_template), bool)
     own[ids], inner[ids] = face.blend_weight.numpy() > 0, face.mouth.numpy()
-    for name in INNER:
-        inner[body.groups.get(name, [])] = True
+    inner |= _of_groups(body, STILL)
     a, b, c = (body.v_template.double().numpy()[faces[:, corner]] for corner in range(3))
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1) * (own[faces].all(1) & ~inner[faces].any(1))
+    area /= _spacing(body)[faces].mean(1) ** 2
     rng = np.random.default_rng(0)
     chosen = np.sort(rng.choice(len(faces), POINT_COUNT, p=area / area.sum()))
     share = rng.dirichlet(np.ones(3), POINT_COUNT)
@@ -227,17 +235,42 @@ def _different(rig: Rig, frames: Sequence[int]) -> list[int]:
     return sorted(frames[row] for row in [*chosen, *more][:FRAMES])
 
 
+def _of_groups(body: TemplateModel, names: Sequence[str]) -> np.ndarray:
+    """(v,) bool: whether a vertex is of one of the template's groups."""
+    found = np.zeros(len(body.v_template), bool)
+    for name in names:
+        found[body.groups.get(name, [])] = True
+    return found
+
+
+def _spacing(body: TemplateModel) -> np.ndarray:
+    """(v,) metres between nodes: less where features are small."""
+    place, spacing = body.v_template.double().numpy(), np.full(len(body.v_template), SPACING)
+    for names, reach in FEATURES:
+        feature = _of_groups(body, names)
+        if feature.any():
+            away = cKDTree(place[feature]).query(place)[0] - reach
+            spacing = np.minimum(spacing, FINE + WIDEN * away.clip(0))
+    return spacing
+
+
 def _spread(body: TemplateModel, skin: np.ndarray) -> tuple[tuple[int, ...], np.ndarray]:
-    """Nodes on the vertices `skin`, `SPACING` apart along the mesh, and the ways (n, n) between them; each the farthest from those before."""
-    edges, chosen, ways = mesh_edges(body), [int(skin[body.v_template.numpy()[skin, 2].argmax()])], []
-    away = np.full(len(skin), np.inf)
-    while True:
+    """Nodes on the vertices `skin`, and the ways (n, n) between them along the mesh: the fronts of the eyeballs, the tip of the nose, then
+    each the farthest from those before, in units of the spacing there."""
+    depth, spacing, edges = body.v_template.numpy()[:, 2], _spacing(body), mesh_edges(body)
+    eyes = [_of_groups(body, [name]) for name in EYES]
+    chosen, skin = (
+        [int(np.where(eye, depth, -np.inf).argmax()) for eye in eyes if eye.any()],
+        skin[~np.any(eyes, 0)[skin]],
+    )
+    chosen.append(int(skin[depth[skin].argmax()]))
+    ways = [dijkstra(edges, indices=node) for node in chosen]
+    away = ways[-1][skin] / spacing[skin]
+    while np.where(np.isfinite(away), away, 0).max() >= 1:
+        chosen.append(int(skin[np.where(np.isfinite(away), away, 0).argmax()]))
         ways.append(dijkstra(edges, indices=chosen[-1]))
-        away = np.minimum(away, ways[-1][skin])
-        reached = np.where(np.isfinite(away), away, 0)
-        if reached.max() < SPACING:
-            return tuple(chosen), np.stack(ways)[:, chosen]
-        chosen.append(int(skin[reached.argmax()]))
+        away = np.minimum(away, ways[-1][skin] / spacing[skin])
+    return tuple(chosen), np.stack(ways)[:, chosen]
 
 
 def _flesh(place: np.ndarray, normal: np.ndarray) -> np.ndarray:
