@@ -20,10 +20,10 @@ from scipy.sparse.csgraph import dijkstra
 from avatarrex.errors import InputError
 from avatarrex.templates.model import TemplateModel
 
-SIGMA, NEAREST = 0.01, 8
-"""Metres: σ of a node's Gaussian at most; how many nodes move a vertex."""
+SIGMA, NEAREST = (0.001, 0.01), 8
+"""Metres: σ of a node's Gaussian at least and at most; how many nodes move a vertex."""
 NARROW = 0.65
-"""σ at most, of the way to the next node."""
+"""σ between, of the way to the next node."""
 FADE = (0.02, 0.035)
 """Metres from the nearest node at which an offset begins to fade, and where it is 0."""
 MOST_NODES, MOST_DIRECTIONS, LARGEST = 1000, 64, 0.2
@@ -98,7 +98,7 @@ def node_weights(body: TemplateModel, nodes: tuple[int, ...]) -> csr_array:
     away = dijkstra(mesh_edges(body), indices=list(nodes), limit=FADE[1]).T
     between = away[list(nodes)]
     np.fill_diagonal(between, np.inf)
-    sigma = np.minimum(SIGMA, NARROW * between.min(1))
+    sigma = np.clip(NARROW * between.min(1), *SIGMA)
     reached = np.flatnonzero(np.isfinite(away).any(1))
     nearest = np.argsort(away[reached], 1, kind="stable")[:, :NEAREST]
     away = np.take_along_axis(away[reached], nearest, 1)

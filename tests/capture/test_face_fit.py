@@ -67,9 +67,11 @@ def photo(somebody: Person, one: Signals, camera: Camera, gain: float = 1.0) -> 
     return Photo(camera, partial(np.asarray, picture), partial(np.asarray, matte))
 
 
-def pictures(somebody: Person, gains: tuple[float, ...] = (1.0, 1.0, 1.0)) -> list[Posed]:
+def pictures(
+    somebody: Person, gains: tuple[float, ...] = (1.0, 1.0, 1.0), cameras: list[Camera] = CAMERAS
+) -> list[Posed]:
     posed = [signals(names) for names in EXPRESSIONS]
-    return [(one, tuple(photo(somebody, one, *each) for each in zip(CAMERAS, gains))) for one in posed]
+    return [(one, tuple(photo(somebody, one, *each) for each in zip(cameras, gains))) for one in posed]
 
 
 def outer() -> np.ndarray:
@@ -118,6 +120,35 @@ def test_rest_and_expressions_are_found(other: Person, monkeypatch: pytest.Monke
         before, after = off(person(), other, names, about), off(found, other, names, about)
         assert before > 5
         assert after < 0.75 * before  # nine pictures of a faint pattern, and priors that want less
+
+
+def test_an_eyeball_that_lies_elsewhere_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(face_fit, "SPACING", 0.02)
+    monkeypatch.setattr(face_fit, "FINE", 0.02)
+    body = load_person().body
+    front = [
+        max(body.groups[name].tolist(), key=lambda vertex: float(body.v_template[vertex, 2])) for name in face_fit.EYES
+    ]
+    away = np.array([[0.002, 0.0, 0.002], [0.0, 0.0, 0.0]])
+    theirs = person(FaceOffsets(tuple(front), away, np.zeros((0, 52)), np.zeros((2, 3, 0))))
+    middle = tuple(Y_TURN @ body.v_template[front].double().numpy().mean(0))
+    close = [Camera.orbit(np.degrees(TURN) + angle, 0, 0.7, 10, middle, 240, 120) for angle in (-50, 0, 50)]
+    found = fit_to_pictures(person(), pictures(theirs, cameras=close), (0.003, 0.002))
+    assert found.fit is not None
+    assert found.fit.face is not None
+    assert found.fit.face.vertices[:2] == tuple(front)
+    assert np.linalg.norm(found.fit.face.rest[0] - away[0]) < 0.3 * np.linalg.norm(away[0])
+
+
+def test_nodes_are_finer_at_lids_and_lips() -> None:
+    body = load_person().body
+    nodes, ways = face_fit._spread(body, outer())
+    place = body.v_template.double().numpy()[list(nodes)]
+    np.fill_diagonal(ways, np.inf)
+    eyes = np.concatenate([body.v_template.double().numpy()[body.groups[name]] for name in face_fit.EYES])
+    near = np.linalg.norm(place[:, None] - eyes, axis=-1).min(1) < 0.006
+    assert near.sum() > 10
+    assert np.median(ways[2:][near[2:]].min(1)) < 0.013 < np.median(ways.min(1))
 
 
 def test_flesh_lies_between_a_cheek_and_the_cavity_alone() -> None:

@@ -8,8 +8,8 @@ which the pictures agree is sought, over offsets (o, d) of nodes (templates/face
 with c a point's colour in a picture, t its mean, M the head's blended rotation, and φ the frame's expression along the directions in which
 the frames differ most. What one camera sees along its rays others see across them. Each round draws the points where the last one
 has them, in sharper pictures. t follows from the offsets, and is eliminated; o is the face at the frames' mean expression, and moves along
-the normal alone. Eyeballs have a node each. Jaw and eyes turn as the template's do; teeth and tongue stay. Letters: p points, v vertices, n nodes,
-k directions and one more for rest, e coefficients. Metres; sRGB in [0, 1].
+the normal alone. Eyeballs have a node each, that moves every way. Jaw and eyes turn as the template's do; teeth and tongue stay.
+Letters: p points, v vertices, n nodes, k directions and one more for rest, e coefficients. Metres; sRGB in [0, 1].
 """
 
 from __future__ import annotations
