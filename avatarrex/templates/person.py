@@ -96,6 +96,11 @@ class Person:
         return resize_person(load_person(self.name), replace(self.fit, face=None))
 
     @property
+    def own_face(self) -> bool:
+        """Whether its face is the captured person's: as it is given, or fitted to pictures (capture/fit/face_fit.py)."""
+        return self.fit is None or self.fit.face is not None
+
+    @property
     def hand_weight(self) -> Float[Tensor, " v"]:
         """Painted ω of either hand on the body template."""
         return self.blend_weight[:, :2].amax(-1)

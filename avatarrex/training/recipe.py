@@ -33,6 +33,8 @@ class LossWeights:
     """λ_LPIPS."""
     silhouette: float = 0.0
     """Ours."""
+    skin: float = 0.0
+    """Of a face's distance from its fitted mesh; ours."""
     tone: float = 0.1
     """Of the tone mapping's deviation from the identity; ours."""
 
@@ -196,7 +198,7 @@ PAPER_PLUS = replace(
 _FACE_TEXEL = 0.001
 _FACE = PassOne(
     steps=400, frames=1, rays=400, samples=5, rate=1.5e-3, decay=0.05, decay_steps=400, gamma_steps=1, warm_steps=60,
-    gamma_extra=0.0, texel=_FACE_TEXEL, outline=400, weights=LossWeights(silhouette=0.3),
+    gamma_extra=0.0, texel=_FACE_TEXEL, outline=400, weights=LossWeights(silhouette=0.3, skin=0.3),
 )  # fmt: skip
 _BODY = PassOne(
     steps=1200, frames=1, rays=400, samples=5, rate=4e-3, decay=0.05, decay_steps=1200, gamma_steps=600, warm_steps=60,

@@ -159,7 +159,7 @@ def test_pass_one_of_the_face(tiny, monkeypatch):
     avatar, frame, store = tiny
     monkeypatch.setattr("avatarrex.training.core.pass_one.SHOWN", 0.0)
     monkeypatch.setattr(FacePass, "ray_weight", lambda self, share: torch.ones_like(share[:, 0]))  # without gradient
-    stage = FacePass(avatar, store, replace(SMOKE.face[0], weights=LossWeights(silhouette=2.0)), 0)
+    stage = FacePass(avatar, store, replace(SMOKE.face[0], weights=LossWeights(silhouette=2.0, skin=1.0)), 0)
     camera = store.rig.views[0].camera
     view = frame.camera(camera)
     head = frame.posed.root_from_part("face")
@@ -172,6 +172,7 @@ def test_pass_one_of_the_face(tiny, monkeypatch):
         rendered, _ = stage.render_losses(field, frame, view, batch, 0.02, noise)
         rendered["silhouette"], queried = stage.outline_loss(field, frame, view, batch)
         assert queried > 5
+        assert float(terms["skin"].detach()) > 0
         found = {name: mean.value for name, mean in rendered.items()}
         return weighted(terms | found, stage.recipe.weights)
 

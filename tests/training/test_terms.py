@@ -16,7 +16,7 @@ from avatarrex.fields.composition import Composed
 from avatarrex.metrics.perceptual import Perceptual
 from avatarrex.shading.colour import SurfaceColour
 from avatarrex.training.core.frames import FrameStore
-from avatarrex.training.core.losses import NEARBY, eikonal_loss, mask_loss, rgb_loss, silhouette_loss
+from avatarrex.training.core.losses import NEARBY, eikonal_loss, mask_loss, rgb_loss, silhouette_loss, skin_loss
 from avatarrex.training.core.stage import Stage
 from avatarrex.training.core.work import Work, pass_of
 from avatarrex.training.recipe import QUICK, LossWeights
@@ -92,6 +92,14 @@ def test_slopes_are_pulled_to_one(factor):
     assert float(loss.detach()) == pytest.approx((factor - 1) ** 2, abs=1e-6)
     (slope,) = torch.autograd.grad(loss, scale)
     assert float(slope) == pytest.approx(2 * (factor - 1), abs=1e-5)
+
+
+def test_a_faces_surface_is_pulled_to_its_mesh_from_either_side():
+    distance = torch.tensor([0.002, -0.001, 0.003, -0.002], requires_grad=True)
+    loss = skin_loss(distance)
+    assert float(loss.detach()) == pytest.approx(0.002 / NEARBY)
+    (slope,) = torch.autograd.grad(loss, distance)
+    torch.testing.assert_close(slope, torch.tensor([1.0, -1.0, 1.0, -1.0]) / (4 * NEARBY))
 
 
 def test_codes_are_pulled_to_nothing():

@@ -98,6 +98,11 @@ def silhouette_loss(
     return Mean((off.abs().nan_to_num(0.0) * weight).sum() / NEARBY, weight.sum(), least=1.0)
 
 
+def skin_loss(distance: Float[Tensor, " p"]) -> Float[Tensor, ""]:
+    """How far a face's surface is off its fitted mesh, over `NEARBY`: mean |s| at points of that mesh."""
+    return distance.abs().mean() / NEARBY
+
+
 def eikonal_loss(field: TrainedField, position: Float[Tensor, "p 3"]) -> Mean:
     """Mean (‖∇s‖ − 1)² of the trained part at points."""
     position = position.detach().requires_grad_(True)

@@ -31,17 +31,21 @@ from avatarrex.training.core.losses import (
     of_share,
     rgb_loss,
     silhouette_loss,
+    skin_loss,
 )
 from avatarrex.training.core.outline import closest
 from avatarrex.training.core.pixels import Box, PixelBatch, draw_outline, draw_pixels
 from avatarrex.training.core.process_group import ALONE, ProcessGroup
 from avatarrex.training.core.sampling import RaySamples, Walk, draw, noise_of
+from avatarrex.training.core.supervision import hidden_at_rest, shown_skin
 from avatarrex.training.core.trained_field import FACE, TrainedBody, TrainedFace, TrainedField, face_alone
 from avatarrex.training.core.volume_rendering import render_weights
 from avatarrex.training.recipe import PassOne
 
 SHOWN = 1e-3
 """The colour of samples with a smaller share of their ray is not evaluated: together below 1/255."""
+SKIN_POINTS, OWN = 1000, 0.999
+"""Vertices of a face whose distance is compared, and ω from which they are the face's alone."""
 EIKONAL_POINTS = 256
 """Per frame, half of them at ray samples, half spread over the part's space."""
 
@@ -202,14 +206,32 @@ class BodyPass(VolumePass):
 class FacePass(VolumePass):
     """Pass I of the face; the body is frozen and only occludes."""
 
+    def __init__(self, avatar: Avatar, store: FrameStore, recipe: PassOne, seed: int) -> None:
+        super().__init__(avatar, store, recipe, seed)
+        self._skin: dict[int, Tensor] = {}
+
     def parameters(self) -> list[nn.Parameter]:
         """See `VolumePass`."""
         return list(self.avatar.face.parameters())
 
     def field(self, frame: TrainingFrame, noise: torch.Generator) -> tuple[TrainedField, dict[str, Tensor]]:
-        """The face, without regularisers."""
+        """The face; where its mesh is known (the capture's own, or fitted), the surface stays by it."""
         driven = face_state(frame.volume.states).planes.driven
-        return TrainedFace(self.avatar, frame, self.avatar.face.geometry_planes(driven)), {}
+        planes, terms = self.avatar.face.geometry_planes(driven), {}
+        if self.recipe.weights.skin and self.avatar.person.own_face:
+            shown = self._shown_skin(frame)
+            chosen = shown[torch.randint(len(shown), (SKIN_POINTS,), generator=noise)]
+            terms["skin"] = skin_loss(self.avatar.face.sdf(planes, frame.posed.parts["face"][chosen]))
+        return TrainedFace(self.avatar, frame, planes), terms
+
+    def _shown_skin(self, frame: TrainingFrame) -> Tensor:
+        """Vertices of the frame's face that are the face's alone and can be seen, but those within lips and lids."""
+        if frame.index not in self._skin:
+            face, template = self.avatar.face, self.avatar.person.face
+            inner = hidden_at_rest(face, template.v_template.float()) | template.mouth
+            own = shown_skin(face, frame.posed.parts["face"], inner) & (template.blend_weight > OWN)
+            self._skin[frame.index] = torch.nonzero(own)[:, 0]
+        return self._skin[frame.index]
 
     def window(self, frame: TrainingFrame, view: int) -> Box | None:
         """The box of pixels around the projected face."""

@@ -122,6 +122,11 @@ def hidden_at_rest(field: FaceField, rest: Tensor) -> Tensor:
     return ~_shown(field, rest, *_looks(field, rest, None))
 
 
+def shown_skin(field: FaceField, mesh: Tensor, inner: Tensor) -> Tensor:
+    """(v,) vertices of a posed face mesh (v, 3) that a look shows, but those that are `inner` at rest: lips and lids slide over them."""
+    return _shown(field, mesh, *_looks(field, mesh, None)) & ~inner
+
+
 def distances_before(
     field: FaceField, mesh: Tensor, near: Tensor, inner: Tensor, rng: np.random.Generator
 ) -> Distances:

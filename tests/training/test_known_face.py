@@ -1,0 +1,80 @@
+"""Where a face's mesh is the person's own, pass I keeps the surface by what of it can be seen."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import torch
+
+from avatarrex.avatar import Avatar
+from avatarrex.avatar_file import load_avatar
+from avatarrex.counters import Counters
+from avatarrex.signals.driving import Signals
+from avatarrex.signals.joints import EXPRESSION_NAMES
+from avatarrex.templates.face_offsets import FaceOffsets
+from avatarrex.templates.person import load_person, resize_person
+from avatarrex.templates.person_fit import PersonFit
+from avatarrex.templates.posed import pose_person
+from avatarrex.training.core.frames import FrameStore, TrainingFrame
+from avatarrex.training.core.pass_one import FacePass
+from avatarrex.training.recipe import QUICK
+from avatarrex.volume.build import AvatarVolume
+
+
+def stage_of(avatar: Avatar) -> FacePass:
+    return FacePass(avatar, object.__new__(FrameStore), QUICK.face[0], 0)
+
+
+@pytest.fixture(scope="module")
+def stage() -> FacePass:
+    return stage_of(load_avatar())
+
+
+def frame_of(avatar: Avatar, index: int, **expression: float) -> TrainingFrame:
+    """Posed, without a volume."""
+    value = np.zeros(52)
+    for name, share in expression.items():
+        value[EXPRESSION_NAMES.index(name)] = share
+    posed = pose_person(avatar.person, Signals.rest().replace(expression=value), Counters(), None)
+    return TrainingFrame(index, posed, np.eye(4), object.__new__(AvatarVolume), 0)
+
+
+def compared(stage: FacePass, index: int, **expression: float) -> set[int]:
+    """Vertices of the face's mesh in an expression whose distance is compared."""
+    return set(stage._shown_skin(frame_of(stage.avatar, index, **expression)).tolist())
+
+
+def test_what_can_be_seen_is_compared_and_nothing_within_lips(stage: FacePass) -> None:
+    face = stage.avatar.person.face
+    rest = compared(stage, 0)
+    eye = set(face.model.groups["left_eye"].tolist())
+    assert len(rest) > 500
+    assert rest & eye
+    opened, blink = compared(stage, 1, jawOpen=0.9), compared(stage, 2, eyeBlinkLeft=1.0)
+    teeth = {vertex for name in ("upper_teeth", "lower_teeth", "tongue") for vertex in face.model.groups[name].tolist()}
+    assert not opened & (teeth | set(torch.nonzero(face.mouth)[:, 0].tolist()))
+    assert len(blink & eye) < 0.5 * len(rest & eye)
+    assert all(face.blend_weight[vertex] > 0.99 for vertex in rest)
+
+
+def test_a_face_is_known_where_it_is_given_or_fitted() -> None:
+    sized = PersonFit(np.zeros(10), np.zeros((55, 3)))
+    offsets = FaceOffsets((5,), np.zeros((1, 3)), np.zeros((0, 52)), np.zeros((1, 3, 0)))
+    assert load_person().own_face
+    assert not resize_person(load_person(), sized).own_face
+    assert resize_person(load_person(), replace(sized, face=offsets)).own_face
+
+
+def test_only_a_known_face_is_compared(stage: FacePass, monkeypatch: pytest.MonkeyPatch) -> None:
+    avatar, frame = stage.avatar, frame_of(stage.avatar, 3)
+    planes = SimpleNamespace(driven=avatar.face.driven(frame.posed.parts["face"].float(), torch.zeros(61)))
+    monkeypatch.setattr(AvatarVolume, "states", {})
+    monkeypatch.setattr("avatarrex.training.core.pass_one.face_state", lambda _: SimpleNamespace(planes=planes))
+    terms = stage.field(frame, torch.Generator().manual_seed(0))[1]
+    assert 0 < float(terms["skin"].detach()) < 0.5  # below 2 mm: the avatar was trained on this face
+    stranger = resize_person(load_person(), PersonFit(np.zeros(10), np.zeros((55, 3))))
+    unknown = stage_of(replace(avatar, person=stranger))
+    assert unknown.field(frame, torch.Generator().manual_seed(0))[1] == {}
