@@ -121,6 +121,20 @@ LEARNING: dict[str, Mutant] = {
         "weights=LossWeights(silhouette=1.0, node=10.0),",
         f"{PAPER}::test_weights_of_other_recipes_are_the_papers_but_for_ours[quick]",
     ),
+    "a stranger's face by its mesh": Mutant(
+        "what is learnt",
+        f"{CORE}/pass_one.py",
+        "self.recipe.weights.skin and self.avatar.person.own_face",
+        "self.recipe.weights.skin",
+        "tests/training/test_known_face.py::test_only_a_known_face_is_compared",
+    ),
+    "lips and mouth by their mesh": Mutant(
+        "what is learnt",
+        f"{CORE}/pass_one.py",
+        "hidden_at_rest(face, template.v_template.float()) | template.mouth",
+        "hidden_at_rest(face, template.v_template.float()) & False",
+        "tests/training/test_known_face.py::test_what_can_be_seen_is_compared_and_nothing_within_lips",
+    ),
     "weights without effect": Mutant(
         "numbers of the paper",
         f"{CORE}/losses.py",

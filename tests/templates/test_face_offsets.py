@@ -11,7 +11,7 @@ import torch
 from avatarrex.errors import InputError
 from avatarrex.signals.joints import EXPRESSION_NAMES
 from avatarrex.templates.face import pose_face
-from avatarrex.templates.face_offsets import FADE, FaceOffsets, node_weights
+from avatarrex.templates.face_offsets import FADE, FaceOffsets, mesh_edges, node_weights
 from avatarrex.templates.person import Person, load_person, resize_person
 from avatarrex.templates.person_fit import PersonFit
 
@@ -82,6 +82,16 @@ def test_what_moves_one_lip_leaves_the_other() -> None:
     assert weights[upper, 0] > 0.9
     assert weights[lower, 1] > 0.9
     assert max(weights[upper, 1], weights[lower, 0]) < 0.1
+
+
+def test_nodes_close_together_move_little_beside_themselves() -> None:
+    body = load_person().body
+    edges = mesh_edges(body).tocoo()
+    pair = int(np.abs(edges.data - 0.005).argmin())
+    one, two = int(edges.row[pair]), int(edges.col[pair])
+    weights = node_weights(body, (one, two)).toarray()
+    assert weights[one, 0] == pytest.approx(weights[two, 1], rel=1e-6)
+    assert 0.7 < weights[one, 0] < 0.8
 
 
 def test_weights_add_up_near_nodes_and_fade() -> None:
