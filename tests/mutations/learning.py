@@ -131,8 +131,8 @@ LEARNING: dict[str, Mutant] = {
     "lips and mouth by their mesh": Mutant(
         "what is learnt",
         f"{CORE}/pass_one.py",
-        "hidden_at_rest(face, template.v_template.float()) | template.mouth",
-        "hidden_at_rest(face, template.v_template.float()) & False",
+        "hidden_at_rest(face, rest) | template.mouth",
+        "hidden_at_rest(face, rest) & False",
         "tests/training/test_known_face.py::test_what_can_be_seen_is_compared_and_nothing_within_lips",
     ),
     "weights without effect": Mutant(

@@ -223,4 +223,4 @@ def test_from_scratch_knows_nothing(recipe: Recipe) -> None:
 def test_weights_multiply_their_terms() -> None:
     terms = {field.name: torch.tensor(float(10**place)) for place, field in enumerate(fields(LossWeights))}
     weights = LossWeights(**{name: float(place + 1) for place, name in enumerate(terms)})
-    assert float(weighted(terms, weights)) == pytest.approx(987_654_321)
+    assert float(weighted(terms, weights)) == pytest.approx(10_987_654_321)

@@ -228,8 +228,9 @@ class FacePass(VolumePass):
         """Vertices of the frame's face that are the face's alone and can be seen, but those within lips and lids."""
         if frame.index not in self._skin:
             face, template = self.avatar.face, self.avatar.person.face
-            inner = hidden_at_rest(face, template.v_template.float()) | template.mouth
-            own = shown_skin(face, frame.posed.parts["face"], inner) & (template.blend_weight > OWN)
+            rest, mesh = (each.to(face.box_centre) for each in (template.v_template, frame.posed.parts["face"]))
+            inner = hidden_at_rest(face, rest) | template.mouth
+            own = shown_skin(face, mesh, inner) & (template.blend_weight > OWN)
             self._skin[frame.index] = torch.nonzero(own)[:, 0]
         return self._skin[frame.index]
 

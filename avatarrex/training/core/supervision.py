@@ -153,7 +153,7 @@ def distances_before(
 
 def _turned(field: FaceField, points: Tensor) -> list[Tensor]:
     """Points (p, 3) of the head frame as each of the `LOOKS` turns them."""
-    turns = matrix_from_rotvec(torch.tensor(LOOKS))
+    turns = matrix_from_rotvec(torch.tensor(LOOKS).to(points))
     return [(points - field.box_centre) @ turn.T + field.box_centre for turn in turns]
 
 
