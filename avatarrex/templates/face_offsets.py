@@ -2,14 +2,16 @@
 
     v(ψ) = v_template(ψ) + Σ_n w_n (o_n + Σ_k (b_k · ψ) d_nk)
 
-over some nodes n of the head's skin. w falls with the way along the mesh: what moves the upper lip leaves the lower
-one. b_k are a few directions of ψ, those that the pictures showed: of others nothing is known, and the template's shapes stay. Ours.
+over some nodes n of the head's skin and of the eyeballs. w falls with the way along the mesh: what moves the upper lip leaves the lower
+one; an eyeball moves as a whole. b_k are a few directions of ψ, those that the pictures showed: of others nothing is known, and the
+template's shapes stay. Ours.
 
 Letters: v vertices, n nodes, k directions, e expression coefficients. Root frame at rest, metres.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -26,6 +28,8 @@ NARROW = 0.65
 """σ between, of the way to the next node."""
 FADE = (0.02, 0.035)
 """Metres from the nearest node at which an offset begins to fade, and where it is 0."""
+EYES = ("left_eye", "right_eye")
+"""Groups of the template."""
 MOST_NODES, MOST_DIRECTIONS, LARGEST = 1000, 64, 0.2
 """Of a file: memory for each, and metres (for a whole unit of ψ) that a face differs by at most."""
 DIGITS = 6
@@ -92,10 +96,14 @@ class FaceOffsets:
 
 
 def node_weights(body: TemplateModel, nodes: tuple[int, ...]) -> csr_array:
-    """(v, n) w: Gaussians of the nearest nodes, with sum 1 close to them and 0 far away. Raises `InputError` for no vertices."""
+    """(v, n) w: Gaussians of the nearest nodes, with sum 1 close to them and all over an eyeball, 0 far away. Raises `InputError` for no
+    vertices."""
     if not nodes or min(nodes) < 0 or max(nodes) >= len(body.v_template):
         raise InputError("person fit", "face.vertices", f"indices below {len(body.v_template)}", nodes[:8])
-    away = dijkstra(mesh_edges(body), indices=list(nodes), limit=FADE[1]).T
+    edges, eye = mesh_edges(body), of_groups(body, EYES)
+    away = dijkstra(edges, indices=list(nodes), limit=FADE[1]).T
+    for column in np.flatnonzero(eye[list(nodes)]):
+        away[:, column] = dijkstra(edges, indices=nodes[column])
     between = away[list(nodes)]
     np.fill_diagonal(between, np.inf)
     sigma = np.clip(NARROW * between.min(1), *SIGMA)
@@ -103,9 +111,18 @@ def node_weights(body: TemplateModel, nodes: tuple[int, ...]) -> csr_array:
     nearest = np.argsort(away[reached], 1, kind="stable")[:, :NEAREST]
     away = np.take_along_axis(away[reached], nearest, 1)
     value = np.exp(-0.5 * (away / sigma[nearest]) ** 2)
-    value *= np.clip((FADE[1] - away[:, :1]) / (FADE[1] - FADE[0]), 0, 1) / value.sum(1, keepdims=True)
+    fade = np.clip((FADE[1] - away[:, :1]) / (FADE[1] - FADE[0]), 0, 1)
+    value *= np.where(eye[reached, None], 1, fade) / value.sum(1, keepdims=True)
     rows = np.repeat(reached, value.shape[1])
     return csr_array((value.ravel(), (rows, nearest.ravel())), shape=(len(body.v_template), len(nodes)))
+
+
+def of_groups(body: TemplateModel, names: Sequence[str]) -> np.ndarray:
+    """(v,) bool: whether a vertex is of one of the template's groups; of those that it has not nobody is."""
+    found = np.zeros(len(body.v_template), bool)
+    for name in names:
+        found[body.groups.get(name, [])] = True
+    return found
 
 
 def mesh_edges(body: TemplateModel) -> csr_array:

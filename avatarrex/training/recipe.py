@@ -1,6 +1,6 @@
 """Recipes: training schedules, how long and how each part is trained (paper table 'Training statistics' and appendix table).
 
-    L_I  = L_rgb + 1.0 L_mask + 2.0 L_eikonal + 0.04 L_node + 0.01 L_ebd + 1e-6 L_KL     (+ our silhouette and tone terms)
+    L_I  = L_rgb + 1.0 L_mask + 2.0 L_eikonal + 0.04 L_node + 0.01 L_ebd + 1e-6 L_KL     (+ our silhouette, skin and tone terms)
     L_II = L_rgb + 1.0 L_perceptual                                                     (+ our tone term)
 
 `RECIPES` lists those that exist. Nothing here needs torch: command line and Training tab read it.
@@ -34,7 +34,7 @@ class LossWeights:
     silhouette: float = 0.0
     """Ours."""
     skin: float = 0.0
-    """Of a face's distance from its fitted mesh; ours."""
+    """Of a face's distance from its mesh, where that is the person's own; ours."""
     tone: float = 0.1
     """Of the tone mapping's deviation from the identity; ours."""
 
@@ -228,7 +228,10 @@ _SETTLED: dict[str, Any] = {
 }
 REFINE = replace(
     QUICK, name="refine", about="goes on from an avatar of quick or long (--start): known colours tell the geometry more",
-    face=(_lasting(_FACE, 300, 0.1, geometry_rate=0.1, **_SETTLED), _lasting(_TWO, 800, 0.05, rate=2e-3, texel_rate=8.0)),
+    face=(
+        _lasting(_FACE, 300, 0.1, geometry_rate=0.1, weights=LossWeights(silhouette=0.3), **_SETTLED),
+        _lasting(_TWO, 800, 0.05, rate=2e-3, texel_rate=8.0),
+    ),
     body=(_lasting(_BODY, 1000, 0.1, rays=800, close=0.25, **_SETTLED), _lasting(_TWO, 1600, 0.05, rate=2e-3, texel_rate=4.0, close=0.33)),
 )  # fmt: skip
 _SMOKE_ONE = PassOne(
@@ -257,6 +260,7 @@ def from_scratch(recipe: Recipe) -> Recipe:
         replace(
             one, warm_steps=0, carved=False, still=0, texel=0.0, geometry_rate=1.0, gamma_extra=PassOne.gamma_extra,
             gamma_steps=max(one.gamma_steps, one.steps // 3), sampling="uniform", samples=max(one.samples, SCRATCH_SAMPLES),
+            weights=replace(one.weights, skin=0.0),
         )
         for one, _ in (recipe.face, recipe.body)
     )  # fmt: skip

@@ -145,10 +145,11 @@ def test_nodes_are_finer_at_lids_and_lips() -> None:
     nodes, ways = face_fit._spread(body, outer())
     place = body.v_template.double().numpy()[list(nodes)]
     np.fill_diagonal(ways, np.inf)
-    eyes = np.concatenate([body.v_template.double().numpy()[body.groups[name]] for name in face_fit.EYES])
-    near = np.linalg.norm(place[:, None] - eyes, axis=-1).min(1) < 0.006
-    assert near.sum() > 10
-    assert np.median(ways[2:][near[2:]].min(1)) < 0.013 < np.median(ways.min(1))
+    for names, reach in face_fit.FEATURES:
+        feature = np.concatenate([body.v_template.double().numpy()[body.groups[name]] for name in names])
+        near = np.linalg.norm(place[:, None] - feature, axis=-1).min(1) < reach
+        assert near.sum() > 10
+        assert np.median(ways[2:][near[2:]].min(1)) < 0.013 < np.median(ways.min(1))
 
 
 def test_flesh_lies_between_a_cheek_and_the_cavity_alone() -> None:

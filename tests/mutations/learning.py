@@ -124,15 +124,22 @@ LEARNING: dict[str, Mutant] = {
     "a stranger's face by its mesh": Mutant(
         "what is learnt",
         f"{CORE}/pass_one.py",
-        "self.recipe.weights.skin and self.avatar.person.own_face",
-        "self.recipe.weights.skin",
+        "if not self.recipe.weights.skin or not person.own_face:",
+        "if not self.recipe.weights.skin:",
         "tests/training/test_known_face.py::test_only_a_known_face_is_compared",
     ),
-    "lips and mouth by their mesh": Mutant(
+    "what lids hide at rest by its mesh": Mutant(
         "what is learnt",
         f"{CORE}/pass_one.py",
         "hidden_at_rest(face, rest) | template.mouth",
-        "hidden_at_rest(face, rest) & False",
+        "template.mouth",
+        "tests/training/test_known_face.py::test_what_can_be_seen_is_compared_and_nothing_within_lips",
+    ),
+    "the mouth by its mesh": Mutant(
+        "what is learnt",
+        f"{CORE}/pass_one.py",
+        "hidden_at_rest(face, rest) | template.mouth",
+        "hidden_at_rest(face, rest)",
         "tests/training/test_known_face.py::test_what_can_be_seen_is_compared_and_nothing_within_lips",
     ),
     "weights without effect": Mutant(

@@ -94,6 +94,15 @@ def test_nodes_close_together_move_little_beside_themselves() -> None:
     assert 0.7 < weights[one, 0] < 0.8
 
 
+def test_an_eyeball_moves_as_a_whole() -> None:
+    body = load_person().body
+    eye = body.groups["left_eye"]
+    front = int(eye[body.v_template[eye, 2].argmax()])
+    weights = node_weights(body, (front, 5)).toarray()
+    np.testing.assert_allclose(weights[eye, 0], 1)
+    assert not weights[body.groups["right_eye"]].any()
+
+
 def test_weights_add_up_near_nodes_and_fade() -> None:
     body, rng = load_person().body, np.random.default_rng(0)
     nodes = tuple(load_person().face.body_vertex_ids.numpy()[rng.integers(0, 2000, 60)].tolist())

@@ -20,8 +20,11 @@ from avatarrex.templates.person_fit import PersonFit
 from avatarrex.templates.posed import pose_person
 from avatarrex.training.core.frames import FrameStore, TrainingFrame
 from avatarrex.training.core.pass_one import FacePass
+from avatarrex.training.core.supervision import hidden_at_rest
 from avatarrex.training.recipe import QUICK
 from avatarrex.volume.build import AvatarVolume
+
+OFFSETS = FaceOffsets((5,), np.zeros((1, 3)), np.zeros((0, 52)), np.zeros((1, 3, 0)))
 
 
 def stage_of(avatar: Avatar) -> FacePass:
@@ -56,25 +59,51 @@ def test_what_can_be_seen_is_compared_and_nothing_within_lips(stage: FacePass) -
     opened, blink = compared(stage, 1, jawOpen=0.9), compared(stage, 2, eyeBlinkLeft=1.0)
     teeth = {vertex for name in ("upper_teeth", "lower_teeth", "tongue") for vertex in face.model.groups[name].tolist()}
     assert not opened & (teeth | set(torch.nonzero(face.mouth)[:, 0].tolist()))
+    wide = compared(stage, 4, jawOpen=0.9, eyeWideLeft=1.0, eyeWideRight=1.0)
+    assert not wide & set(torch.nonzero(hidden_at_rest(stage.avatar.face, face.v_template.float()))[:, 0].tolist())
     assert len(blink & eye) < 0.5 * len(rest & eye)
     assert all(face.blend_weight[vertex] > 0.99 for vertex in rest)
 
 
 def test_a_face_is_known_where_it_is_given_or_fitted() -> None:
     sized = PersonFit(np.zeros(10), np.zeros((55, 3)))
-    offsets = FaceOffsets((5,), np.zeros((1, 3)), np.zeros((0, 52)), np.zeros((1, 3, 0)))
     assert load_person().own_face
     assert not resize_person(load_person(), sized).own_face
-    assert resize_person(load_person(), replace(sized, face=offsets)).own_face
+    assert resize_person(load_person(), replace(sized, face=OFFSETS)).own_face
 
 
-def test_only_a_known_face_is_compared(stage: FacePass, monkeypatch: pytest.MonkeyPatch) -> None:
-    avatar, frame = stage.avatar, frame_of(stage.avatar, 3)
-    planes = SimpleNamespace(driven=avatar.face.driven(frame.posed.parts["face"].float(), torch.zeros(61)))
+@pytest.fixture
+def frame(stage: FacePass, monkeypatch: pytest.MonkeyPatch) -> TrainingFrame:
+    """Posed, with what drives the face's networks."""
+    found = frame_of(stage.avatar, 3)
+    planes = SimpleNamespace(driven=stage.avatar.face.driven(found.posed.parts["face"].float(), torch.zeros(61)))
     monkeypatch.setattr(AvatarVolume, "states", {})
     monkeypatch.setattr("avatarrex.training.core.pass_one.face_state", lambda _: SimpleNamespace(planes=planes))
+    return found
+
+
+def skin_term(stage: FacePass, frame: TrainingFrame) -> float | None:
     terms = stage.field(frame, torch.Generator().manual_seed(0))[1]
-    assert 0 < float(terms["skin"].detach()) < 0.5  # below 2 mm: the avatar was trained on this face
-    stranger = resize_person(load_person(), PersonFit(np.zeros(10), np.zeros((55, 3))))
-    unknown = stage_of(replace(avatar, person=stranger))
-    assert unknown.field(frame, torch.Generator().manual_seed(0))[1] == {}
+    return float(terms["skin"].detach()) if "skin" in terms else None
+
+
+def test_only_a_known_face_is_compared(stage: FacePass, frame: TrainingFrame, monkeypatch: pytest.MonkeyPatch) -> None:
+    term = skin_term(stage, frame)
+    assert term is not None
+    assert 0 < term < 0.5  # below 2 mm: the avatar was trained on this face
+    monkeypatch.setattr(FrameStore, "pairs", [(0, 0), (0, 1)])
+    sized = PersonFit(np.zeros(10), np.zeros((55, 3)))
+    stranger, fitted = (
+        replace(stage.avatar, person=resize_person(load_person(), fit)) for fit in (sized, replace(sized, face=OFFSETS))
+    )
+    assert skin_term(stage_of(stranger), frame) is None
+    assert skin_term(stage_of(fitted), frame) is not None
+    monkeypatch.setattr(FrameStore, "pairs", [(0, 1), (5, 1)])  # one camera
+    assert skin_term(stage_of(fitted), frame) is None
+    assert skin_term(stage_of(stage.avatar), frame) == term
+
+
+def test_where_nothing_is_shown_nothing_is_compared(frame: TrainingFrame) -> None:
+    blind = stage_of(load_avatar())
+    blind._skin[frame.index] = torch.zeros(0, dtype=torch.long)
+    assert skin_term(blind, frame) == 0

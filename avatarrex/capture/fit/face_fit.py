@@ -31,7 +31,7 @@ from avatarrex.capture.readers.rigs import Capture, Rig
 from avatarrex.capture.readers.splits import Splits
 from avatarrex.ops.skinning import blend
 from avatarrex.signals.driving import Signals
-from avatarrex.templates.face_offsets import FaceOffsets, mesh_edges, node_weights
+from avatarrex.templates.face_offsets import EYES, FaceOffsets, mesh_edges, node_weights, of_groups
 from avatarrex.templates.model import TemplateModel
 from avatarrex.templates.person import Person, load_person, resize_person
 
@@ -45,7 +45,7 @@ PATCHES = 12
 """Of points: what all of one have in common in a picture is light and exposure."""
 SPACING, FINE, WIDEN = 0.015, 0.01, 0.5
 """Metres between the nodes, along the mesh; at lids and lips; and metres for each metre away from those."""
-EYES, TEETH = ("left_eye", "right_eye"), ("upper_teeth", "lower_teeth")
+TEETH = ("upper_teeth", "lower_teeth")
 """Groups of the template."""
 FEATURES = ((EYES, 0.006), (TEETH, 0.012))
 """What lids and lips lie about, and how many metres from it they end."""
@@ -106,7 +106,7 @@ class _Field:
         faces = base.body.faces.numpy()
         self.directions, self.mean, self.patch = directions, mean, points.patch
         self.nodes, between = _spread(base.body, np.unique(faces[points.face]))
-        eye = _of_groups(base.body, EYES)[list(self.nodes)]
+        eye = of_groups(base.body, EYES)[list(self.nodes)]
         self.skin, self.place = np.unique(faces[points.face, points.share.argmax(1)], return_inverse=True)
         self.weights = node_weights(base.body, self.nodes)[self.skin]
         self.now = np.zeros((len(self.nodes), 3, 1 + len(directions)))
@@ -192,12 +192,12 @@ class _Sums:
 
 
 def _points(base: Person) -> Points:
-    """Strewn over the face's skin, evenly by area; none within the mouth."""
+    """Strewn over the face's skin and eyeballs, more where nodes are fine; none within the mouth."""
     body, face = base.body, base.face
     ids, faces = face.body_vertex_ids.numpy(), body.faces.numpy()
     own, inner = np.zeros(len(body.v_template), bool), np.zeros(len(body.v_template), bool)
     own[ids], inner[ids] = face.blend_weight.numpy() > 0, face.mouth.numpy()
-    inner |= _of_groups(body, STILL)
+    inner |= of_groups(body, STILL)
     a, b, c = (body.v_template.double().numpy()[faces[:, corner]] for corner in range(3))
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1) * (own[faces].all(1) & ~inner[faces].any(1))
     area /= _spacing(body)[faces].mean(1) ** 2
@@ -235,19 +235,11 @@ def _different(rig: Rig, frames: Sequence[int]) -> list[int]:
     return sorted(frames[row] for row in [*chosen, *more][:FRAMES])
 
 
-def _of_groups(body: TemplateModel, names: Sequence[str]) -> np.ndarray:
-    """(v,) bool: whether a vertex is of one of the template's groups."""
-    found = np.zeros(len(body.v_template), bool)
-    for name in names:
-        found[body.groups.get(name, [])] = True
-    return found
-
-
 def _spacing(body: TemplateModel) -> np.ndarray:
     """(v,) metres between nodes: less where features are small."""
     place, spacing = body.v_template.double().numpy(), np.full(len(body.v_template), SPACING)
     for names, reach in FEATURES:
-        feature = _of_groups(body, names)
+        feature = of_groups(body, names)
         if feature.any():
             away = cKDTree(place[feature]).query(place)[0] - reach
             spacing = np.minimum(spacing, FINE + WIDEN * away.clip(0))
@@ -255,10 +247,10 @@ def _spacing(body: TemplateModel) -> np.ndarray:
 
 
 def _spread(body: TemplateModel, skin: np.ndarray) -> tuple[tuple[int, ...], np.ndarray]:
-    """Nodes on the vertices `skin`, and the ways (n, n) between them along the mesh: the fronts of the eyeballs, the tip of the nose, then
-    each the farthest from those before, in units of the spacing there."""
+    """Nodes on the eyeballs and the vertices `skin`, and the ways (n, n) between them along the mesh: the fronts of the eyeballs, the tip of
+    the nose, then each the farthest from those before, in units of the spacing there."""
     depth, spacing, edges = body.v_template.numpy()[:, 2], _spacing(body), mesh_edges(body)
-    eyes = [_of_groups(body, [name]) for name in EYES]
+    eyes = [of_groups(body, [name]) for name in EYES]
     chosen, skin = (
         [int(np.where(eye, depth, -np.inf).argmax()) for eye in eyes if eye.any()],
         skin[~np.any(eyes, 0)[skin]],

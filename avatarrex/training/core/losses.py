@@ -99,8 +99,8 @@ def silhouette_loss(
 
 
 def skin_loss(distance: Float[Tensor, " p"]) -> Float[Tensor, ""]:
-    """How far a face's surface is off its fitted mesh, over `NEARBY`: mean |s| at points of that mesh."""
-    return distance.abs().mean() / NEARBY
+    """How far a face's surface is off its own mesh, over `NEARBY`: mean |s| at points of that mesh; 0 of none."""
+    return distance.abs().sum() / max(len(distance), 1) / NEARBY
 
 
 def eikonal_loss(field: TrainedField, position: Float[Tensor, "p 3"]) -> Mean:

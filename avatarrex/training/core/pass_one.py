@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 import torch
@@ -45,7 +46,7 @@ from avatarrex.training.recipe import PassOne
 SHOWN = 1e-3
 """The colour of samples with a smaller share of their ray is not evaluated: together below 1/255."""
 SKIN_POINTS, OWN = 1000, 0.999
-"""Vertices of a face whose distance is compared, and ω from which they are the face's alone."""
+"""Vertices of a face drawn for the skin term, and ω from which they are the face's alone."""
 EIKONAL_POINTS = 256
 """Per frame, half of them at ray samples, half spread over the part's space."""
 
@@ -215,17 +216,26 @@ class FacePass(VolumePass):
         return list(self.avatar.face.parameters())
 
     def field(self, frame: TrainingFrame, noise: torch.Generator) -> tuple[TrainedField, dict[str, Tensor]]:
-        """The face; where its mesh is known (the capture's own, or fitted), the surface stays by it."""
+        """The face; where its mesh is the person's own, the surface stays by it."""
         driven = face_state(frame.volume.states).planes.driven
         planes, terms = self.avatar.face.geometry_planes(driven), {}
-        if self.recipe.weights.skin and self.avatar.person.own_face:
+        if self._knows_mesh:
             shown = self._shown_skin(frame)
-            chosen = shown[torch.randint(len(shown), (SKIN_POINTS,), generator=noise)]
+            count = SKIN_POINTS if len(shown) else 0
+            chosen = shown[torch.randint(max(len(shown), 1), (count,), generator=noise)]
             terms["skin"] = skin_loss(self.avatar.face.sdf(planes, frame.posed.parts["face"][chosen]))
         return TrainedFace(self.avatar, frame, planes), terms
 
+    @cached_property
+    def _knows_mesh(self) -> bool:
+        """Whether the surface stays by the face's mesh: as it is given, or fitted to pictures of several cameras. One sees no parallax."""
+        person = self.avatar.person
+        if not self.recipe.weights.skin or not person.own_face:
+            return False
+        return person.fit is None or len({view for _, view in self.store.pairs}) > 1
+
     def _shown_skin(self, frame: TrainingFrame) -> Tensor:
-        """Vertices of the frame's face that are the face's alone and can be seen, but those within lips and lids."""
+        """Vertices of a frame's face that are the face's alone and can be seen, without those that lips and lids hide at rest."""
         if frame.index not in self._skin:
             face, template = self.avatar.face, self.avatar.person.face
             rest, mesh = (each.to(face.box_centre) for each in (template.v_template, frame.posed.parts["face"]))

@@ -123,7 +123,8 @@ def hidden_at_rest(field: FaceField, rest: Tensor) -> Tensor:
 
 
 def shown_skin(field: FaceField, mesh: Tensor, inner: Tensor) -> Tensor:
-    """(v,) vertices of a posed face mesh (v, 3) that a look shows, but those that are `inner` at rest: lips and lids slide over them."""
+    """(v,) vertices of a posed face mesh (v, 3) that a look shows, eyeballs included, without those that are `inner` at rest: lips and
+    lids slide over them."""
     return _shown(field, mesh, *_looks(field, mesh, None)) & ~inner
 
 
