@@ -62,6 +62,8 @@ NEIGHBOURS, TIE = 4, 4.0
 THICK, BEHIND, FLESH = 0.013, 0.5, 4.0
 """Metres of flesh between two nodes that are tied through it, cosine from which one is behind the other, and how many differences
 such a tie counts as."""
+LIDS = 20.0
+"""How many differences count as much as that of an eyeball and a node of its lids, which slide on it: closed ones have to hide it."""
 STRENGTH = 100.0
 """1/σ_c², σ_c = 0.1 sRGB."""
 Seen = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
@@ -115,7 +117,8 @@ class _Field:
         place, normal = (each[list(self.nodes)].double().numpy() for each in (base.body.v_template, base.body.normals))
         self.sideways = (np.eye(3) - normal[:, :, None] * normal[:, None]) / SIDE_SIGMA**2
         self.sideways[eye] = 0
-        tied = np.eye(len(self.nodes)) + TIE * _differences(between, _flesh(place, normal))
+        through = FLESH * _flesh(place, normal) + LIDS * _lids(base.body, self.nodes)
+        tied = np.eye(len(self.nodes)) + TIE * _differences(between, through)
         self.stiffness = tied[..., None] / (sigma[:, None] * sigma)
 
     def improve(self, person: Person, signals: Sequence[Signals], seen: Sequence[list[Seen]]) -> None:
@@ -275,11 +278,23 @@ def _flesh(place: np.ndarray, normal: np.ndarray) -> np.ndarray:
     return found
 
 
-def _differences(ways: np.ndarray, flesh: np.ndarray) -> np.ndarray:
-    """(n, n) whose form is Σ (o_n − o_m)² over nodes and those next to them, by `ways` (n, n) along the mesh or through `flesh` (n, n)."""
+def _lids(body: TemplateModel, nodes: tuple[int, ...]) -> np.ndarray:
+    """(n, n) 1 for the node of an eyeball and one of its lids."""
+    place, rows, found = body.v_template.double().numpy(), list(nodes), np.zeros((len(nodes),) * 2)
+    lids, reach = ~of_groups(body, EYES)[rows], dict(FEATURES)[EYES]
+    for eye in (of_groups(body, [name]) for name in EYES):
+        if eye.any():
+            near = cKDTree(place[eye]).query(place[rows])[0] < reach
+            found[np.ix_(eye[rows], near & lids)] = 1
+    return found + found.T
+
+
+def _differences(ways: np.ndarray, through: np.ndarray) -> np.ndarray:
+    """(n, n) whose form is Σ (o_n − o_m)² over nodes and those next to them, by `ways` (n, n) along the mesh, and as often as `through`
+    (n, n) says."""
     graph = np.zeros_like(ways)
     near = np.argsort(ways, 1)[:, 1 : 1 + NEIGHBOURS]
     np.put_along_axis(graph, near, np.isfinite(np.take_along_axis(ways, near, 1)).astype(float), 1)
-    graph = graph + graph.T + FLESH * flesh
+    graph = graph + graph.T + through
     form: np.ndarray = np.diag(graph.sum(1)) - graph
     return form
