@@ -29,7 +29,7 @@ from avatarrex.ops.closest_point import closest_point
 from avatarrex.signals.driving import Signals
 from avatarrex.surface.surface import INFLUENCES
 from avatarrex.templates.albedo import inside_mouth
-from avatarrex.templates.model import TemplateModel
+from avatarrex.templates.model import EYES, TEETH, TemplateModel
 from avatarrex.templates.parts import PARTS
 
 CELL = 0.006
@@ -171,10 +171,7 @@ def _joined(avatar: Avatar, exact: ExactPose, position: Float[Tensor, "p 3"], fa
 
 def _inner(body: TemplateModel, face: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Vertices of the template (v,): eyes and what is hidden in the `face`; the mouth; its throat, which is open behind."""
-    teeth, eyes = np.zeros((2, len(face)), bool)
-    for group, names in ((teeth, ("upper_teeth", "lower_teeth")), (eyes, ("left_eye", "right_eye"))):
-        for name in names:
-            group[body.groups[name].numpy() if name in body.groups else []] = True
+    teeth, eyes = (body.of_groups(names).numpy() for names in (TEETH, EYES))
     vertices, faces = body.v_template.double().numpy(), body.faces.numpy()
     unseen = hidden(vertices, faces, face)
     mouth = joined_to(inside_mouth(body.v_template, body.groups).numpy(), unseen, faces)

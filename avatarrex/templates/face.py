@@ -21,7 +21,7 @@ from avatarrex.signals.driving import Signals
 from avatarrex.templates.albedo import inside_mouth, paint_albedo
 from avatarrex.templates.blend_weight import smooth_ramp
 from avatarrex.templates.mesh import pieces
-from avatarrex.templates.model import TemplateModel, pose_template
+from avatarrex.templates.model import TEETH, TemplateModel, pose_template
 from avatarrex.templates.submodel import submodel
 
 NECK, HEAD, JAW, LEFT_EYE, RIGHT_EYE = 12, 15, 22, 23, 24
@@ -77,10 +77,7 @@ class FaceTemplate:
     @property
     def teeth(self) -> Bool[Tensor, " v"]:
         """Vertices of the teeth: open strips, while all else encloses something but for the neck's end."""
-        found = torch.zeros(len(self.v_template), dtype=torch.bool)
-        for name in ("upper_teeth", "lower_teeth"):
-            found[self.model.groups.get(name, [])] = True
-        return found
+        return self.model.of_groups(TEETH)
 
     @cached_property
     def mouth(self) -> Bool[Tensor, " v"]:

@@ -11,7 +11,6 @@ Letters: v vertices, n nodes, k directions, e expression coefficients. Root fram
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,7 +19,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
 from avatarrex.errors import InputError
-from avatarrex.templates.model import TemplateModel
+from avatarrex.templates.model import EYES, TemplateModel
 
 SIGMA, NEAREST = (0.001, 0.01), 8
 """Metres: σ of a node's Gaussian at least and at most; how many nodes move a vertex."""
@@ -28,8 +27,6 @@ NARROW = 0.65
 """σ between, of the way to the next node."""
 FADE = (0.02, 0.035)
 """Metres from the nearest node at which an offset begins to fade, and where it is 0."""
-EYES = ("left_eye", "right_eye")
-"""Groups of the template."""
 MOST_NODES, MOST_DIRECTIONS, LARGEST = 1000, 64, 0.2
 """Of a file: memory for each, and metres (for a whole unit of ψ) that a face differs by at most."""
 DIGITS = 6
@@ -100,7 +97,7 @@ def node_weights(body: TemplateModel, nodes: tuple[int, ...]) -> csr_array:
     vertices."""
     if not nodes or min(nodes) < 0 or max(nodes) >= len(body.v_template):
         raise InputError("person fit", "face.vertices", f"indices below {len(body.v_template)}", nodes[:8])
-    edges, eye = mesh_edges(body), of_groups(body, EYES)
+    edges, eye = mesh_edges(body), body.of_groups(EYES).numpy()
     away = dijkstra(edges, indices=list(nodes), limit=FADE[1]).T
     for column in np.flatnonzero(eye[list(nodes)]):
         away[:, column] = dijkstra(edges, indices=nodes[column])
@@ -115,14 +112,6 @@ def node_weights(body: TemplateModel, nodes: tuple[int, ...]) -> csr_array:
     value *= np.where(eye[reached, None], 1, fade) / value.sum(1, keepdims=True)
     rows = np.repeat(reached, value.shape[1])
     return csr_array((value.ravel(), (rows, nearest.ravel())), shape=(len(body.v_template), len(nodes)))
-
-
-def of_groups(body: TemplateModel, names: Sequence[str]) -> np.ndarray:
-    """(v,) bool: whether a vertex is of one of the template's groups; of those that it has not nobody is."""
-    found = np.zeros(len(body.v_template), bool)
-    for name in names:
-        found[body.groups.get(name, [])] = True
-    return found
 
 
 def mesh_edges(body: TemplateModel) -> csr_array:

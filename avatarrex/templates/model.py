@@ -7,12 +7,13 @@ Letters: v vertices, f faces, j joints, s shape and e expression coefficients, q
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 
 import numpy as np
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from avatarrex.errors import InputError
@@ -20,6 +21,9 @@ from avatarrex.ops.rotation import matrix_from_rotvec
 from avatarrex.ops.skinning import blend, joint_transforms, skin, skinning_matrices, tree_levels
 from avatarrex.signals.driving import Signals
 from avatarrex.templates.mesh import vertex_normals
+
+EYES, TEETH = ("left_eye", "right_eye"), ("upper_teeth", "lower_teeth")
+"""Groups of vertices that a template may name."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +67,13 @@ class TemplateModel:
         for name, indices, limit in (("faces", self.faces, v), ("pose_columns", self.pose_columns, 9 * (j - 1))):
             if indices is not None and indices.numel() and not (indices.min() >= 0 and indices.max() < limit):
                 raise InputError("template", name, f"indices from 0 to {limit - 1}", int(indices.abs().max()))
+
+    def of_groups(self, names: Sequence[str]) -> Bool[Tensor, " v"]:
+        """Whether a vertex is of one of the groups; of those that the template has not no vertex is."""
+        found = torch.zeros(len(self.v_template), dtype=torch.bool)
+        for name in names:
+            found[self.groups.get(name, [])] = True
+        return found
 
     def to(self, dtype: torch.dtype | None = None, device: torch.device | str | None = None) -> TemplateModel:
         """The same model with its numbers in `dtype`, on `device`."""

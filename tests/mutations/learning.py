@@ -131,15 +131,15 @@ LEARNING: dict[str, Mutant] = {
     "what lids hide at rest by its mesh": Mutant(
         "what is learnt",
         f"{CORE}/pass_one.py",
-        "hidden_at_rest(face, rest) | template.mouth",
+        "hidden_at_rest(face, template.v_template.to(face.box_centre)) | template.mouth",
         "template.mouth",
         "tests/training/test_known_face.py::test_what_can_be_seen_is_compared_and_nothing_within_lips",
     ),
     "the mouth by its mesh": Mutant(
         "what is learnt",
         f"{CORE}/pass_one.py",
-        "hidden_at_rest(face, rest) | template.mouth",
-        "hidden_at_rest(face, rest)",
+        "hidden_at_rest(face, template.v_template.to(face.box_centre)) | template.mouth",
+        "hidden_at_rest(face, template.v_template.to(face.box_centre))",
         "tests/training/test_known_face.py::test_what_can_be_seen_is_compared_and_nothing_within_lips",
     ),
     "weights without effect": Mutant(

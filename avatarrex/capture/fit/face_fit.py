@@ -31,8 +31,8 @@ from avatarrex.capture.readers.rigs import Capture, Rig
 from avatarrex.capture.readers.splits import Splits
 from avatarrex.ops.skinning import blend
 from avatarrex.signals.driving import Signals
-from avatarrex.templates.face_offsets import EYES, FaceOffsets, mesh_edges, node_weights, of_groups
-from avatarrex.templates.model import TemplateModel
+from avatarrex.templates.face_offsets import FaceOffsets, mesh_edges, node_weights
+from avatarrex.templates.model import EYES, TEETH, TemplateModel
 from avatarrex.templates.person import Person, load_person, resize_person
 
 FRAMES, ALIKE = 16, 1e-3
@@ -45,8 +45,6 @@ PATCHES = 12
 """Of points: what all of one have in common in a picture is light and exposure."""
 SPACING, FINE, WIDEN = 0.015, 0.01, 0.5
 """Metres between the nodes, along the mesh; at lids and lips; and metres for each metre away from those."""
-TEETH = ("upper_teeth", "lower_teeth")
-"""Groups of the template."""
 FEATURES = ((EYES, 0.006), (TEETH, 0.012))
 """What lids and lips lie about, and how many metres from it they end."""
 BLURS = (0.006, 0.005, 0.004, 0.003, 0.002, 0.0013)
@@ -63,7 +61,7 @@ THICK, BEHIND, FLESH = 0.013, 0.5, 4.0
 """Metres of flesh between two nodes that are tied through it, cosine from which one is behind the other, and how many differences
 such a tie counts as."""
 LIDS = 20.0
-"""How many differences count as much as that of an eyeball and a node of its lids, which slide on it: closed ones have to hide it."""
+"""How many differences the tie of an eyeball to a node of its lids counts as: lids slide on it, and hide it when they are closed."""
 STRENGTH = 100.0
 """1/σ_c², σ_c = 0.1 sRGB."""
 Seen = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
@@ -108,7 +106,7 @@ class _Field:
         faces = base.body.faces.numpy()
         self.directions, self.mean, self.patch = directions, mean, points.patch
         self.nodes, between = _spread(base.body, np.unique(faces[points.face]))
-        eye = of_groups(base.body, EYES)[list(self.nodes)]
+        eye = base.body.of_groups(EYES).numpy()[list(self.nodes)]
         self.skin, self.place = np.unique(faces[points.face, points.share.argmax(1)], return_inverse=True)
         self.weights = node_weights(base.body, self.nodes)[self.skin]
         self.now = np.zeros((len(self.nodes), 3, 1 + len(directions)))
@@ -200,7 +198,7 @@ def _points(base: Person) -> Points:
     ids, faces = face.body_vertex_ids.numpy(), body.faces.numpy()
     own, inner = np.zeros(len(body.v_template), bool), np.zeros(len(body.v_template), bool)
     own[ids], inner[ids] = face.blend_weight.numpy() > 0, face.mouth.numpy()
-    inner |= of_groups(body, STILL)
+    inner |= body.of_groups(STILL).numpy()
     a, b, c = (body.v_template.double().numpy()[faces[:, corner]] for corner in range(3))
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1) * (own[faces].all(1) & ~inner[faces].any(1))
     area /= _spacing(body)[faces].mean(1) ** 2
@@ -242,7 +240,7 @@ def _spacing(body: TemplateModel) -> np.ndarray:
     """(v,) metres between nodes: less where features are small."""
     place, spacing = body.v_template.double().numpy(), np.full(len(body.v_template), SPACING)
     for names, reach in FEATURES:
-        feature = of_groups(body, names)
+        feature = body.of_groups(names).numpy()
         if feature.any():
             away = cKDTree(place[feature]).query(place)[0] - reach
             spacing = np.minimum(spacing, FINE + WIDEN * away.clip(0))
@@ -253,7 +251,7 @@ def _spread(body: TemplateModel, skin: np.ndarray) -> tuple[tuple[int, ...], np.
     """Nodes on the eyeballs and the vertices `skin`, and the ways (n, n) between them along the mesh: the fronts of the eyeballs, the tip of
     the nose, then each the farthest from those before, in units of the spacing there."""
     depth, spacing, edges = body.v_template.numpy()[:, 2], _spacing(body), mesh_edges(body)
-    eyes = [of_groups(body, [name]) for name in EYES]
+    eyes = [body.of_groups([name]).numpy() for name in EYES]
     chosen, skin = (
         [int(np.where(eye, depth, -np.inf).argmax()) for eye in eyes if eye.any()],
         skin[~np.any(eyes, 0)[skin]],
@@ -281,8 +279,8 @@ def _flesh(place: np.ndarray, normal: np.ndarray) -> np.ndarray:
 def _lids(body: TemplateModel, nodes: tuple[int, ...]) -> np.ndarray:
     """(n, n) 1 for the node of an eyeball and one of its lids."""
     place, rows, found = body.v_template.double().numpy(), list(nodes), np.zeros((len(nodes),) * 2)
-    lids, reach = ~of_groups(body, EYES)[rows], dict(FEATURES)[EYES]
-    for eye in (of_groups(body, [name]) for name in EYES):
+    lids, reach = ~body.of_groups(EYES).numpy()[rows], dict(FEATURES)[EYES]
+    for eye in (body.of_groups([name]).numpy() for name in EYES):
         if eye.any():
             near = cKDTree(place[eye]).query(place[rows])[0] < reach
             found[np.ix_(eye[rows], near & lids)] = 1

@@ -238,11 +238,16 @@ class FacePass(VolumePass):
         """Vertices of a frame's face that are the face's alone and can be seen, without those that lips and lids hide at rest."""
         if frame.index not in self._skin:
             face, template = self.avatar.face, self.avatar.person.face
-            rest, mesh = (each.to(face.box_centre) for each in (template.v_template, frame.posed.parts["face"]))
-            inner = hidden_at_rest(face, rest) | template.mouth
-            own = shown_skin(face, mesh, inner) & (template.blend_weight > OWN)
+            mesh = frame.posed.parts["face"].to(face.box_centre)
+            own = shown_skin(face, mesh, self._inner) & (template.blend_weight > OWN)
             self._skin[frame.index] = torch.nonzero(own)[:, 0]
         return self._skin[frame.index]
+
+    @cached_property
+    def _inner(self) -> Tensor:
+        """Vertices of the face that lips and lids hide at rest; the mouth's all."""
+        face, template = self.avatar.face, self.avatar.person.face
+        return hidden_at_rest(face, template.v_template.to(face.box_centre)) | template.mouth
 
     def window(self, frame: TrainingFrame, view: int) -> Box | None:
         """The box of pixels around the projected face."""

@@ -30,6 +30,7 @@ from avatarrex.parts.face import Face, face_state
 from avatarrex.pointmap.point_map import PointMap
 from avatarrex.pointmap.raycast import raycast
 from avatarrex.shading.colour import surface_points
+from avatarrex.templates.model import EYES, TEETH
 from avatarrex.training.core.agreement import agreed
 from avatarrex.training.core.frames import FrameStore, TrainingFrame
 from avatarrex.training.core.registration import register
@@ -49,8 +50,8 @@ ALONE = 0.01
 ROUNDS, STRAY = 2, 0.1
 """Means after the first, and the difference in sRGB at which a pixel's weight has fallen to a quarter."""
 
-EYES, MOUTH = ("left_eye", "right_eye"), ("upper_teeth", "lower_teeth", "tongue")
-"""Groups of the face's template: what lids hide has texels, what lies within the mouth has none."""
+MOUTH = (*TEETH, "tongue")
+"""Groups of the face's template that have no texels; what lids hide has."""
 SEEN = 1e-4
 """Weight from which a texel counts as seen."""
 
@@ -105,8 +106,7 @@ def without_mouth(avatar: Avatar) -> Bool[Tensor, " f"]:
     """
     template = avatar.person.face
     hidden = hidden_at_rest(avatar.face, template.v_template.float())
-    for name, within in {**dict.fromkeys(EYES, False), **dict.fromkeys(MOUTH, True)}.items():
-        hidden[template.model.groups.get(name, [])] = within
+    hidden = hidden & ~template.model.of_groups(EYES) | template.model.of_groups(MOUTH)
     return ~hidden[template.faces].all(1)
 
 
