@@ -207,3 +207,12 @@ def test_read_arrays_reads_what_is_requested(official) -> None:
     np.savez(path, **arrays)
     assert set(read_arrays(path)) == set(arrays)
     assert set(read_arrays(path, ["f", "nonsense"])) == {"f"}
+
+
+def test_vertices_of_named_groups() -> None:
+    body, face = load_person().body, load_person().face
+    chosen = body.of_groups(("left_eye", "no_such_group", "tongue"))
+    wanted = {vertex for name in ("left_eye", "tongue") for vertex in body.groups[name].tolist()}
+    assert set(torch.nonzero(chosen)[:, 0].tolist()) == wanted
+    teeth = {vertex for name in ("upper_teeth", "lower_teeth") for vertex in face.model.groups[name].tolist()}
+    assert set(torch.nonzero(face.teeth)[:, 0].tolist()) == teeth
