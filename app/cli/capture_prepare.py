@@ -52,9 +52,8 @@ def _refined(capture: Path, out: Path, key: str, person: str) -> None:
         print(f"{refined}: refined from what the source was before: made anew", flush=True)
         shutil.rmtree(refined)
     write_json(marker, {"key": key})
-    refine(
-        str(capture), True, refined, template=person
-    )  # every frame: validation and test are driven by tracking of the same kind
+    every = True  # validation and test are then driven by tracking of the same kind
+    refine(str(capture), every, refined, template=person)
 
 
 def _begun(run: Path, marker: Path, key: str) -> bool:

@@ -142,16 +142,17 @@ def film(
     calibration: Callable[[dict[str, Camera]], dict[str, str]] | None = None,
     backdrop: bool = False,
     faces: bool = False,
+    person: Person | None = None,
 ) -> Path:
     """Images, mattes (or a picture of the empty scene), OpenPose files, and Caliscope's calibration unless another is given.
 
-    `faces`: landmarks of the face are in these files.
+    `faces`: landmarks of the face are in these files; `person`: whose the body's are, the default one's unless given.
     """
     files = {"calibration.toml": toml(one.lenses)} if calibration is None else calibration(one.lenses)
     out.mkdir(parents=True)
     for name, text in files.items():
         (out / name).write_text(text)
-    found = detected(exact_landmarks(one.motion), list(one.lenses.values()), 2.0 * one.size[1] / 512, 0.05)
+    found = detected(exact_landmarks(one.motion, person), list(one.lenses.values()), 2.0 * one.size[1] / 512, 0.05)
     names = landmarks().names
     if faces:
         marks = detected(exact_faces(one.motion), list(one.lenses.values()), 2.0 * one.size[1] / 512, 0.05, 2)

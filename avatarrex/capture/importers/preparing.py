@@ -217,6 +217,7 @@ def _cameras(work: Preparing) -> tuple[list[str], np.ndarray]:
         ", ".join(lens.name for lens in found.lenses[:6]),
     )
     said = [f"{found.kind}: {len(lenses)} cameras" + ("" if found.scaled else "; its world has neither unit nor axes")]
+    said += _fisheyes(lenses)
     said += [f"{lens.name}: no pictures, left out" for lens in found.lenses if lens not in lenses]
     said += [f"{name}: not calibrated, left out" for name in footage if name not in {lens.name for lens in lenses}]
     for lens in lenses:
@@ -233,6 +234,23 @@ def _cameras(work: Preparing) -> tuple[list[str], np.ndarray]:
         {"kind": found.kind, "scaled": found.scaled, "cameras": calibration(lenses)},
     )
     return said, plan(lenses)
+
+
+def _fisheyes(lenses: tuple[Lens, ...]) -> list[str]:
+    """What their pinholes keep."""
+    angles, shares = [], []
+    for lens in lenses:
+        if lens.fisheye is not None:
+            focal, middle = np.diag(lens.camera.intrinsics)[:2], lens.camera.intrinsics[:2, 2]
+            size = np.array([lens.camera.width, lens.camera.height])
+            angles.append(np.degrees(np.arctan(middle / focal) + np.arctan((size - middle) / focal)).max())
+            shares.append(focal[0] / lens.fisheye[0, 0])
+    if not angles:
+        return []
+    return [
+        f"{len(angles)} fisheyes: undistorted to pinholes that keep {min(angles):.0f}° or more along the longer side, "
+        f"their middle {min(shares):.2f} times as large as taken, or more"
+    ]
 
 
 def _pictures(work: Preparing) -> tuple[list[str], np.ndarray]:
