@@ -122,7 +122,8 @@ def fit_size_to(points: Points, person: Person) -> tuple[Bones, np.ndarray, floa
     body = person.body.double()
     template, directions = body.joint_template.numpy(), body.joint_shapedirs[..., :10].numpy()
     bones = bones_of(person)
-    marks, shape = bones.marks, np.zeros(10)
+    marks = bones.marks
+    shape: np.ndarray = np.zeros(10)
     for _ in range(4):
         rows, off = [], []
         for start, stop, length in _lengths(points):
