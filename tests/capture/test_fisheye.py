@@ -89,6 +89,17 @@ def test_a_pinhole_is_filled_and_not_cropped_to_nothing(degrees: float, kept: fl
     assert focal / lens.taken[0, 0] == pytest.approx(share, abs=0.01)
 
 
+def test_rounding_leaves_no_row_beyond(rng: np.random.Generator) -> None:
+    """The middles of the outermost pixels, of many lenses."""
+    for degrees in rng.uniform(40, 80, 40):
+        lens = lens_of(camera_of(float(degrees), REAL))
+        (x, y), size = lens.taken[:2, 2], np.array([lens.camera.width, lens.camera.height])
+        sides = np.array([[0.5, y], [x, 0.5], [size[0] - 0.5, y], [x, size[1] - 0.5]])
+        found = np.float32(bend(lens, sides) - 0.5)
+        assert (found >= 0).all()
+        assert (found <= size - 1).all()
+
+
 def test_what_no_pinhole_can_show_is_nowhere() -> None:
     """Rays beyond 70° are not seen; what a lens whose rays turn back cannot show is black, not another place of the picture."""
     wide = lens_of(camera_of(90))
