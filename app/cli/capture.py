@@ -83,6 +83,7 @@ def _add_prepare(acts: argparse._SubParsersAction[argparse.ArgumentParser]) -> N
         "source", help="a folder: videos/ or images/, a calibration, keypoints/, mattes/ or background/"
     )
     prepare.add_argument("out", help="a new folder, or one to go on with")
+    options.add_person(prepare, "default")
     prepare.add_argument("--stride", default="1", metavar="N", help="use every N-th frame (1)")
     prepare.add_argument("--fps", metavar="F", help="frames a second of the pictures, where no video says it (30)")
     prepare.add_argument(
@@ -170,7 +171,8 @@ def _prepare(arguments: argparse.Namespace) -> int:
 
     if arguments.held_out_frames is not None:  # its form: how many frames there are is not known yet
         choice.frames(arguments.held_out_frames, MOST_FRAMES, "--held-out-frames")
-    return prepare(Path(arguments.source), out, Options(stride, fps, height, arguments.held_out_frames), arguments)
+    chosen = Options(stride, fps, height, arguments.held_out_frames, arguments.person)
+    return prepare(Path(arguments.source), out, chosen, arguments)
 
 
 def _within(option: str, text: str | None, limits: tuple[float, float]) -> float | None:

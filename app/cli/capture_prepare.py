@@ -30,19 +30,20 @@ def prepare(source: Path, out: Path, options: Options, arguments: argparse.Names
         print(line, flush=True)
     finished, key = out / "capture", work.made()
     if not arguments.no_refine:
-        _refined(finished, out, key)
+        _refined(finished, out, key, options.person)
         finished = out / "refined"
-    print("\n".join(judge(open_capture(finished))[2].lines()))
+    print("\n".join(judge(open_capture(finished, template=options.person))[2].lines()))
     print(finished)
     if arguments.train:
         run = out / "run"
         more = ["--resume"] if _begun(run, out / TRAINED, f"{key} {finished.name}") else []
-        return main(["train", str(finished), "--recipe", arguments.train, "--out", str(run), *more])
+        what = ["--recipe", arguments.train, "--person", options.person]
+        return main(["train", str(finished), *what, "--out", str(run), *more])
     return 0
 
 
-def _refined(capture: Path, out: Path, key: str) -> None:
-    """Refine `capture` into `OUT/refined`, unless that is done; what was made from another fit is removed first."""
+def _refined(capture: Path, out: Path, key: str, person: str) -> None:
+    """Refine `capture` on `person` into `OUT/refined`, unless that is done; what was made from another fit is removed first."""
     marker, refined = out / REFINED, out / "refined"
     before = _marked(marker, refined)
     if before == key and (refined / FIGURES).exists() and not (refined / FILE).exists():
@@ -51,7 +52,8 @@ def _refined(capture: Path, out: Path, key: str) -> None:
         print(f"{refined}: refined from what the source was before: made anew", flush=True)
         shutil.rmtree(refined)
     write_json(marker, {"key": key})
-    refine(str(capture), True, refined)  # validation and test are then driven by tracking of the same kind
+    every = True  # validation and test are then driven by tracking of the same kind
+    refine(str(capture), every, refined, template=person)
 
 
 def _begun(run: Path, marker: Path, key: str) -> bool:

@@ -117,6 +117,11 @@ def load_person(source: str | Path = "default") -> Person:
     return _load(str(source), path, stamp(path))
 
 
+def other_files(name: str) -> str:
+    """Which files the person `name` is of, for keys of work that goes on with no others; empty for the packaged one. Raises `InputError`."""
+    return "" if name == "default" else f" {name} {load_person(name).hash}"
+
+
 @lru_cache(maxsize=4)
 @torch.inference_mode(False)
 def _load(name: str, path: Path, _: Stamp) -> Person:

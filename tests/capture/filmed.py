@@ -14,19 +14,20 @@ from scipy.spatial.transform import Rotation
 from avatarrex.camera import Camera
 from avatarrex.capture.fit.check import template_surface
 from avatarrex.capture.fit.face_marks import FACE_NAMES, VERTICES
-from avatarrex.capture.fit.landmarks import landmarks
+from avatarrex.capture.fit.landmarks import landmarks, landmarks_of
 from avatarrex.capture.importers.detections import BODY_25, BODY_33, HAND_21, IBUG, MESH
 from avatarrex.signals.driving import Signals
-from avatarrex.templates.person import load_person
+from avatarrex.templates.person import Person, load_person
 
 BACKDROP = np.array([90, 110, 130], np.uint8)
 
 
-def exact_landmarks(motion: Iterable[Signals]) -> np.ndarray:
-    """(t, l, 3) world metres."""
-    found, marks = [], landmarks()
+def exact_landmarks(motion: Iterable[Signals], person: Person | None = None) -> np.ndarray:
+    """(t, l, 3) world metres, of the default person or another."""
+    person = person or load_person()
+    found, marks = [], landmarks_of(person)
     for signals in motion:
-        vertices, joints = template_surface(load_person(), signals.replace(expression=np.zeros(52)))
+        vertices, joints = template_surface(person, signals.replace(expression=np.zeros(52)))
         found.append(np.concatenate([joints, vertices[marks.vertices[55:]]]))
     return np.array(found)
 
@@ -141,16 +142,17 @@ def film(
     calibration: Callable[[dict[str, Camera]], dict[str, str]] | None = None,
     backdrop: bool = False,
     faces: bool = False,
+    person: Person | None = None,
 ) -> Path:
     """Images, mattes (or a picture of the empty scene), OpenPose files, and Caliscope's calibration unless another is given.
 
-    `faces`: landmarks of the face are in these files.
+    `faces`: landmarks of the face are in these files; `person`: whose the body's are, the default one's unless given.
     """
     files = {"calibration.toml": toml(one.lenses)} if calibration is None else calibration(one.lenses)
     out.mkdir(parents=True)
     for name, text in files.items():
         (out / name).write_text(text)
-    found = detected(exact_landmarks(one.motion), list(one.lenses.values()), 2.0 * one.size[1] / 512, 0.05)
+    found = detected(exact_landmarks(one.motion, person), list(one.lenses.values()), 2.0 * one.size[1] / 512, 0.05)
     names = landmarks().names
     if faces:
         marks = detected(exact_faces(one.motion), list(one.lenses.values()), 2.0 * one.size[1] / 512, 0.05, 2)

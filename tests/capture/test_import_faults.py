@@ -123,24 +123,24 @@ def test_folders_of_others_stay(tmp_path: Path) -> None:
         if said is not None:
             write_json(tmp_path / "out" / capture_prepare.REFINED, said)
         with pytest.raises(InputError, match="refined: expected a name that is free"):
-            capture_prepare._refined(tmp_path, tmp_path / "out", "a")
+            capture_prepare._refined(tmp_path, tmp_path / "out", "a", "default")
     assert (tmp_path / "out" / "refined" / "kept").exists()
 
 
 def test_other_mattes_are_refined_and_trained_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     made: list[str] = []
 
-    def refine(capture: str, every: bool, out: Path) -> int:
-        made.append("refined, every frame" if every else "refined")
+    def refine(capture: str, every: bool, out: Path, template: str) -> int:
+        made.append(f"refined on {template}, every frame" if every else "refined")
         put(out / capture_prepare.FIGURES, b"{}")
         return 0
 
     monkeypatch.setattr(capture_prepare, "refine", refine)
     for key in ("a", "a", "b"):
-        capture_prepare._refined(tmp_path, tmp_path, key)
+        capture_prepare._refined(tmp_path, tmp_path, key, "models")
     put(tmp_path / "refined" / capture_prepare.FILE, b"")  # killed before its pictures were written
-    capture_prepare._refined(tmp_path, tmp_path, "b")
-    assert made == 3 * ["refined, every frame"]
+    capture_prepare._refined(tmp_path, tmp_path, "b", "models")
+    assert made == 3 * ["refined on models, every frame"]
     run, marker = tmp_path / "run", tmp_path / capture_prepare.TRAINED
     begun = []
     for key in ("a", "a", "b"):

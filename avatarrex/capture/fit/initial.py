@@ -12,16 +12,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from avatarrex.capture.fit.keypoint_pose import Bones, Poses, default_bones, fit_poses
-from avatarrex.capture.fit.landmarks import landmarks
-from avatarrex.capture.fit.person_fit import HEIGHT
+from avatarrex.capture.fit.keypoint_pose import Bones, Poses, fit_poses
+from avatarrex.capture.fit.landmarks import landmarks, landmarks_of
+from avatarrex.capture.fit.person_fit import HEIGHT, height
 from avatarrex.capture.fit.triangulation import Points, triangulate
 from avatarrex.capture.importers.axes import TURNS
 from avatarrex.capture.readers.calibration import Lens
 from avatarrex.capture.readers.undistort import straighten
 from avatarrex.errors import InputError
 from avatarrex.signals.joints import EXPRESSION_NAMES, JOINT_NAMES, JOINT_ROWS
-from avatarrex.templates.person import load_person
+from avatarrex.templates.person import Person, load_person
 
 MEASURED = (
     ("hip", "knee"), ("knee", "ankle"), ("shoulder", "elbow"), ("elbow", "wrist"), ("wrist", "middle1"), ("ankle", "big_toe"),
@@ -52,7 +52,7 @@ class Initial:
     """Cameras in the world of the poses."""
     bones: Bones
     shape: np.ndarray
-    """β, (10,)."""
+    """β, (10,), in the person's own directions."""
     poses: Poses
     points: Points
     height: float
@@ -81,13 +81,15 @@ def fit_initial(
     points: np.ndarray,
     confidence: np.ndarray,
     scaled: bool = True,
-    height: float | None = None,
+    tall: float | None = None,
+    person: Person | None = None,
 ) -> Initial:
     """From points (t, c, l, 2) in the pictures as taken, landmarks in their order, with confidence (t, c, l).
 
-    `scaled`: the cameras' world is in metres, with an axis up; `height` of the person in metres, where somebody has measured it. Raises
-    `InputError` where no two cameras agree on a trunk.
+    `scaled`: the cameras' world is in metres, with an axis up; `tall` the person's height in metres, where somebody has measured it;
+    `person` the template, or the default one. Raises `InputError` where no two cameras agree on a trunk.
     """
+    person = person or load_person()
     notes: list[str] = []
     ideal = np.stack([straighten(lens, points[:, view]) for view, lens in enumerate(lenses)], 1)
     seen = np.isfinite(ideal).all(-1)
@@ -98,30 +100,30 @@ def fit_initial(
     if whole.sum() < LEAST_FRAMES:
         raise InputError("keypoints", "", "a frame in which two cameras agree on hips and shoulders", "none")
     turn = _up(found.position[whole][:, trunk], scaled, notes)
-    scale = _scale(found, scaled, height, notes)
+    scale = _scale(found, person, scaled, tall, notes)
     lenses = tuple(_moved(lens, turn, scale) for lens in lenses)
     position = scale * turn.apply(found.position.reshape(-1, 3)).reshape(found.position.shape)
     matrix = turn.as_matrix()
     found = Points(position, matrix @ found.information @ matrix.T / scale**2, found.agree)
-    bones, shape, tall = fit_size_to(found)
-    if not HEIGHT[0] <= tall <= HEIGHT[1]:
+    bones, shape, size = fit_size_to(found, person)
+    if not HEIGHT[0] <= size <= HEIGHT[1]:
         raise InputError(
             "keypoints",
             "",
             f"a person {HEIGHT[0]} to {HEIGHT[1]} m tall",
-            f"{tall:.2f} m: the cameras' unit is another",
+            f"{size:.2f} m: the cameras' unit is another",
         )
-    notes.append(f"person: {tall:.2f} m tall, by the lengths of limbs")
-    return Initial(lenses, bones, shape, fit_poses(bones, found), found, tall, tuple(notes))
+    notes.append(f"person: {size:.2f} m tall, by the lengths of limbs")
+    return Initial(lenses, bones, shape, fit_poses(bones, found), found, size, tuple(notes))
 
 
-def fit_size_to(points: Points) -> tuple[Bones, np.ndarray, float]:
+def fit_size_to(points: Points, person: Person) -> tuple[Bones, np.ndarray, float]:
     """Bones, β (10,) and height in metres, by the median lengths of limbs."""
-    body = load_person().body.double()
+    body = person.body.double()
     template, directions = body.joint_template.numpy(), body.joint_shapedirs[..., :10].numpy()
-    marks = landmarks()
+    bones = bones_of(person)
+    marks = bones.marks
     shape: np.ndarray = np.zeros(10)
-    bones = default_bones(template, body.parents)
     for _ in range(4):
         rows, off = [], []
         for start, stop, length in _lengths(points):
@@ -131,9 +133,16 @@ def fit_size_to(points: Points) -> tuple[Bones, np.ndarray, float]:
             off.append(length - np.linalg.norm(way))
         matrix, right = np.array(rows).reshape(-1, 10) / LENGTH_SIGMA, np.array(off) / LENGTH_SIGMA
         shape = np.linalg.solve(matrix.T @ matrix + np.eye(10), matrix.T @ (right + matrix @ shape))
-        bones = default_bones(template + directions @ shape, body.parents)
+        joints = template + directions @ shape
+        bones = replace(bones, joints=joints - joints[0])
     rest = (body.v_template + body.shapedirs[..., :10] @ body.v_template.new_tensor(shape)).numpy()[:, 1]
     return _lengthened(bones, points), shape, float(rest.max() - rest.min())
+
+
+def bones_of(person: Person) -> Bones:
+    """Of a template in its own size."""
+    joints = person.body.joint_template.double().numpy()
+    return Bones(joints - joints[0], person.body.parents, landmarks_of(person))
 
 
 def _lengths(points: Points) -> Iterable[tuple[int, int, float]]:
@@ -191,34 +200,22 @@ def _up(trunk: np.ndarray, scaled: bool, notes: list[str]) -> Rotation:
     return Rotation.align_vectors([[0.0, 1.0, 0.0]], [way])[0]
 
 
-def _scale(points: Points, scaled: bool, height: float | None, notes: list[str]) -> float:
+def _scale(points: Points, person: Person, scaled: bool, tall: float | None, notes: list[str]) -> float:
     """Metres of a unit of the cameras' world."""
-    ratios = [
-        np.linalg.norm(default_bones(*_template()).rest[start] - default_bones(*_template()).rest[stop]) / length
-        for start, stop, length in _lengths(points)
-    ]
-    own = float(np.median(ratios))
+    rest = bones_of(person).rest
+    own = float(
+        np.median([np.linalg.norm(rest[start] - rest[stop]) / length for start, stop, length in _lengths(points)])
+    )
     if not scaled:
-        found = own * (height / _template_height() if height else 1.0)
-        notes.append(
-            f"unit: the calibration has none; {found:.4g} m each, for a person {height or _template_height():.2f} m tall"
-        )
+        tall = tall or height(person)
+        found = own * tall / height(person)
+        notes.append(f"unit: the calibration has none; {found:.4g} m each, for a person {tall:.2f} m tall")
         return found
     for unit, name in ((1e-3, "millimetres"), (1e-2, "centimetres")):
         if 0.7 < own / unit < 1.4:
             notes.append(f"unit: camera positions in {name}, converted to metres")
             return unit
     return 1.0
-
-
-def _template() -> tuple[np.ndarray, tuple[int, ...]]:
-    body = load_person().body
-    return body.joint_template.double().numpy(), body.parents
-
-
-def _template_height() -> float:
-    rest = load_person().body.v_template[:, 1]
-    return float(rest.max() - rest.min())
 
 
 def _moved(lens: Lens, turn: Rotation, scale: float) -> Lens:

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from tqdm import tqdm
 
-from avatarrex.capture.fit.landmarks import Landmarks, landmarks
+from avatarrex.capture.fit.landmarks import Landmarks
 from avatarrex.capture.fit.pose_change import TURNED, UNKNOWNS
 from avatarrex.capture.fit.triangulation import Points
 from avatarrex.signals.joints import FINGERS, JOINT_NAMES, JOINT_ROWS
@@ -267,8 +267,3 @@ def _stepped(poses: Poses, change: np.ndarray) -> Poses:
     step = Rotation.from_rotvec(change[:, 3:].reshape(-1, 3)).as_matrix().reshape(len(change), -1, 3, 3)
     turns[:, list(TURNED)] = step @ turns[:, list(TURNED)]
     return Poses(turns, poses.place + change[:, :3])
-
-
-def default_bones(joints: np.ndarray, parents: tuple[int, ...]) -> Bones:
-    """Of joints (55, 3) at rest."""
-    return Bones(joints - joints[0], parents, landmarks())

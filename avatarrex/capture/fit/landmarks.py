@@ -1,6 +1,6 @@
 """Points of a body that detectors find in pictures: SMPL-X's joints, and places on the skin that move rigidly with one.
 
-Nose, ears, heels, toes and finger tips are vertices of the default person, chosen by where they lie at rest. Letters: l landmarks.
+Nose, ears, heels, toes and finger tips are vertices of a person, chosen by where they lie at rest. Letters: l landmarks.
 Metres, T-pose.
 """
 
@@ -13,6 +13,7 @@ import numpy as np
 
 from avatarrex.signals.joints import FINGERS, JOINT_NAMES
 from avatarrex.signals.rest_skeleton import RestSkeleton, rest_skeleton
+from avatarrex.templates.person import Person
 
 EYE_BAND = (-0.05, 0.03)
 """Metres below and above the eyes within which ears and the tip of the nose lie."""
@@ -30,7 +31,7 @@ class Landmarks:
     offsets: np.ndarray
     """(l, 3) from that joint at rest."""
     vertices: np.ndarray
-    """(l,) the default person's vertex of each; −1 of joints."""
+    """(l,) the person's vertex of each; −1 of joints."""
 
     def rows(self, names: tuple[str, ...]) -> np.ndarray:
         """Rows of landmarks by name."""
@@ -39,8 +40,18 @@ class Landmarks:
 
 @lru_cache(maxsize=1)
 def landmarks() -> Landmarks:
-    """Of the default person."""
-    rest = rest_skeleton()
+    """Of the default person; all persons have the same names in the same order."""
+    return _chosen(rest_skeleton())
+
+
+def landmarks_of(person: Person) -> Landmarks:
+    """Of a person with 55 joints in SMPL-X's order, of any mesh."""
+    body = person.body
+    joints, vertices = (values.double().numpy() for values in (body.joint_template, body.v_template))
+    return _chosen(RestSkeleton(joints, body.parents, vertices, body.weights.numpy().argmax(1)))
+
+
+def _chosen(rest: RestSkeleton) -> Landmarks:
     forward, level = rest.vertices[:, 2], _level(rest)
     middle = np.where(np.abs(rest.vertices[:, 0]) < 0.01, forward, -1.0)
     found = {"nose": _extreme(rest, ("head", "jaw"), "head", middle * level)}

@@ -19,7 +19,7 @@ from avatarrex.files.arrays import read_arrays
 from avatarrex.files.assets import require
 from avatarrex.files.images import write_arrays
 from avatarrex.signals.driving import Signals
-from avatarrex.templates.person import load_person, resize_person
+from avatarrex.templates.person import load_person, other_files, resize_person
 from avatarrex.templates.person_fit import PersonFit
 
 FILE = "refining.npz"
@@ -117,14 +117,8 @@ class Refining:
 
 def work_key(capture: Capture, colours: bool) -> str:
     """What a refinement is of: the capture's files and splits, the option, and the person's files."""
-    said = ("" if colours else " without colours") + _template(capture)
+    said = ("" if colours else " without colours") + other_files(capture.person.name)
     return f"{capture.key} {json.dumps(splits_of(capture), sort_keys=True)}{said}"
-
-
-def _template(capture: Capture) -> str:
-    """Which files the person is of, where it is not the packaged one."""
-    name = capture.person.name
-    return "" if name == "default" else f" {name} {load_person(name).hash}"
 
 
 def _frames(rig: Rig, every: bool) -> tuple[int, ...]:

@@ -1,7 +1,8 @@
 """Cameras as calibration programs write them: OpenCV's YAML or JSON, Caliscope's and Pose2Sim's TOML, COLMAP's text, and ours.
 
 All become world→camera with OpenCV's axes and pixel centres at +0.5: OpenCV and what builds on it put centres at integers, so that 0.5 is
-added to principal points; COLMAP puts them at +0.5. COLMAP's world has neither unit nor axes. Five coefficients of a lens are understood.
+added to principal points; COLMAP puts them at +0.5. COLMAP's world has neither unit nor axes. Five coefficients of a lens are understood,
+and the four of OpenCV's fisheyes where the file says `fisheye`.
 """
 
 from __future__ import annotations
@@ -16,9 +17,17 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from avatarrex.camera import Camera
 from avatarrex.capture.importers.source import posed_lens
 from avatarrex.capture.readers.archive import safe
-from avatarrex.capture.readers.calibration import LARGEST_NUMBER, MOST_CAMERAS, Lens, nearest_rotation, read_calibration
+from avatarrex.capture.readers.calibration import (
+    LARGEST_NUMBER,
+    MOST_CAMERAS,
+    Lens,
+    fisheye_lens,
+    nearest_rotation,
+    read_calibration,
+)
 from avatarrex.errors import InputError, check
 from avatarrex.files.gate import read_text
 from avatarrex.files.json_text import parse_json
@@ -36,8 +45,11 @@ WIDTH_HEIGHT = (("image_width", "image_height"), ("width", "height"), ("W", "H")
 COLMAP = {
     "SIMPLE_PINHOLE": "f cx cy", "PINHOLE": "fx fy cx cy", "SIMPLE_RADIAL": "f cx cy k1", "RADIAL": "f cx cy k1 k2",
     "OPENCV": "fx fy cx cy k1 k2 p1 p2", "FULL_OPENCV": "fx fy cx cy k1 k2 p1 p2 k3 k4 k5 k6",
+    "OPENCV_FISHEYE": "fx fy cx cy k1 k2 k3 k4", "RADIAL_FISHEYE": "f cx cy k1 k2", "SIMPLE_RADIAL_FISHEYE": "f cx cy k1",
 }  # fmt: skip
 """Parameters of its camera models."""
+RADIAL, FISHEYE = "k1 k2 p1 p2 k3 k4 k5 k6", "k1 k2 k3 k4"
+"""Their coefficients in OpenCV's order."""
 FILES = (
     "calibration_full.json",
     "calibration.json",
@@ -168,9 +180,6 @@ def _lens(
         "a camera's name that can name a folder",
         "another form",
     )
-    check(
-        not entry.get("fisheye"), source, f"{name}.fisheye", "a lens with OpenCV's five coefficients", "a fisheye lens"
-    )
     matrix = _values(_named(entry, "matrix"), 9, source, f"{name}.matrix").reshape(3, 3).copy()
     sound = matrix[0, 0] > 0 and matrix[1, 1] > 0 and np.allclose(matrix[2], [0, 0, 1])
     check(sound, source, f"{name}.matrix", "focal lengths above 0 and a last row of 0, 0, 1", matrix.tolist())
@@ -181,9 +190,14 @@ def _lens(
     pose[:3, :3] = Rotation.from_rotvec(turn).as_matrix() if len(turn) == 3 else turn.reshape(3, 3)
     pose[:3, :3] = nearest_rotation(pose[:3, :3], source, f"{name}.rotation")
     pose[:3, 3] = _values(_named(entry, "translation"), 3, source, f"{name}.translation")
-    return posed_lens(
-        name, matrix, pose, _size(name, entry, source, sizes), _distortion(_named(entry, "distortion"), source, name)
-    )
+    size, field = _size(name, entry, source, sizes), f"{name}.distortion"
+    fisheye, coefficients = entry.get("fisheye", False), _named(entry, "distortion")
+    check(fisheye in (True, False), source, f"{name}.fisheye", "true or false", repr(fisheye)[:60])
+    if fisheye:
+        return fisheye_lens(
+            name, Camera(matrix, pose, *size), _values(coefficients, None, source, field), source, field
+        )
+    return posed_lens(name, matrix, pose, size, _distortion(coefficients, source, field))
 
 
 def _size(name: str, entry: Mapping[str, Any], source: Path, sizes: Mapping[str, tuple[int, int]]) -> tuple[int, int]:
@@ -197,10 +211,10 @@ def _size(name: str, entry: Mapping[str, Any], source: Path, sizes: Mapping[str,
     return int(width), int(height)
 
 
-def _distortion(values: Any, source: Path, name: str) -> np.ndarray:
-    found = np.zeros(0) if values is None else _values(values, None, source, f"{name}.distortion")
+def _distortion(values: Any, source: Path, field: str) -> np.ndarray:
+    found = np.zeros(0) if values is None else _values(values, None, source, field)
     sound = (len(found) > 3 or not found.any()) and not found[5:].any()
-    check(sound, source, f"{name}.distortion", "4 or 5 coefficients k1, k2, p1, p2, k3", len(found))
+    check(sound, source, field, "4 or 5 coefficients k1, k2, p1, p2, k3", len(found))
     return np.pad(found[:5], (0, max(5 - len(found), 0)))
 
 
@@ -211,14 +225,16 @@ def _values(value: Any, count: int | None, source: Path, field: str) -> np.ndarr
         found = np.array(value, dtype=np.float64).reshape(-1)
     except (TypeError, ValueError, OverflowError):
         raise InputError(source, field, "numbers", type(value).__name__) from None
-    sound = value is not None and np.isfinite(found).all() and np.abs(found).max(initial=0) <= LARGEST_NUMBER
+    expected = f"{count or 'some'} finite numbers"
     check(
-        sound and count in (None, len(found)),
+        value is not None and count in (None, len(found)),
         source,
         field,
-        f"{count or 'some'} finite numbers",
+        expected,
         "none" if value is None else len(found),
     )
+    wild = found[~(np.abs(found) <= LARGEST_NUMBER)]
+    check(not len(wild), source, field, f"{expected} up to {LARGEST_NUMBER:g}", f"{wild[0]:g}" if len(wild) else "")
     return found
 
 
@@ -253,6 +269,8 @@ def _yaml(path: Path) -> dict[str, Any]:
             ]
         elif _NUMBER.fullmatch(first):
             found[key] = float(first)
+        elif first in ("true", "false"):
+            found[key] = first == "true"
     return found
 
 
@@ -270,7 +288,8 @@ def _colmap(cameras: Path, images: Path) -> Iterable[Lens]:
         )
         names = COLMAP[words[1]].split()
         values = _values(words[4:], len(names), cameras, f"line {number}")
-        models[words[0]] = (dict(zip(names, values)), _values(words[2:4], 2, cameras, f"line {number}"))
+        size = _values(words[2:4], 2, cameras, f"line {number}")
+        models[words[0]] = (dict(zip(names, values)), size, words[1].endswith("FISHEYE"))
     for number, line in list(_lines(images, blank=True))[::2]:
         words = line.split(maxsplit=9)
         check(
@@ -282,11 +301,11 @@ def _colmap(cameras: Path, images: Path) -> Iterable[Lens]:
         )
         values = _values(words[1:8], 7, images, f"line {number}")
         check(np.linalg.norm(values[:4]) > 1e-6, images, f"line {number}", "a quaternion", values[:4].tolist())
-        model, size = models[words[8]]
+        model, size, fisheye = models[words[8]]
         f = model.get("f")
         entry = {
             "K": [model.get("fx", f), 0, model["cx"], 0, model.get("fy", f), model["cy"], 0, 0, 1],
-            "D": [model.get(key, 0.0) for key in ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")],
+            "D": [model.get(key, 0.0) for key in (FISHEYE if fisheye else RADIAL).split()], "fisheye": fisheye,
             "R": Rotation.from_quat(values[[1, 2, 3, 0]]).as_matrix(),
             "T": values[4:], "size": size,
         }  # fmt: skip

@@ -39,8 +39,10 @@ def find_expressions(
         posed, world = posed_in_world(capture.person, rig.signals[frame])
         heads.append(world @ posed.joint_transforms[HEAD].double().numpy())
     cameras = tuple(view.camera for view in rig.views)
-    found = fit_expressions(cameras, ideal, sure, np.array(heads), face_marks(capture.person))
-    return found, _said(capture, found, ideal, sure), list(_shown(capture, found, ideal, sure))
+    marks = face_marks(capture.person)
+    found = fit_expressions(cameras, ideal, sure, np.array(heads), marks)
+    still = [] if marks.directions.any() else ["the person's face has no expressions (no Faceverse): they stay at rest"]
+    return found, [*_said(capture, found, ideal, sure), *still], list(_shown(capture, found, ideal, sure))
 
 
 def _said(capture: Capture, found: Expressions, points: np.ndarray, sure: np.ndarray) -> list[str]:

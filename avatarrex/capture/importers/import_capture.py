@@ -180,12 +180,13 @@ def calibration(lenses: Iterator[Lens] | tuple[Lens, ...]) -> dict[str, Any]:
     """`calibration_full.json` of cameras."""
     return {
         lens.name: {
-            "K": lens.camera.intrinsics.ravel().tolist(),
+            "K": lens.taken.ravel().tolist(),
             "R": lens.camera.camera_from_world[:3, :3].ravel().tolist(),
             "T": lens.camera.camera_from_world[:3, 3].tolist(),
             "distCoeff": lens.distortion.tolist(),
             "imgSize": [lens.camera.width, lens.camera.height],
             "rectifyAlpha": 0.0,
+            **({} if lens.fisheye is None else {"fisheye": True}),
         }
         for lens in lenses
     }

@@ -35,13 +35,14 @@ from avatarrex.capture.readers import choice
 from avatarrex.capture.readers.calibration import Lens, read_calibration
 from avatarrex.capture.readers.keypoints import FILE as KEYPOINTS
 from avatarrex.capture.readers.manifest import FORMAT
-from avatarrex.capture.readers.rigs import open_capture
+from avatarrex.capture.readers.rigs import Capture, open_capture
 from avatarrex.errors import InputError, check
 from avatarrex.files.arrays import read_arrays
 from avatarrex.files.gate import remove_unfinished
 from avatarrex.files.images import write_arrays, write_png
 from avatarrex.files.json_text import SMALL, read_json, write_json
 from avatarrex.signals.joints import JOINT_NAMES
+from avatarrex.templates.person import load_person, other_files
 
 STATE = "prepare.json"
 PICTURES, MATTES, BACKDROPS = ("videos", "images", "video"), ("mattes", "masks", "matte"), ("background", "backgrounds")
@@ -50,8 +51,8 @@ SHOWN_FRAMES, SHOWN_FAULTS = 3, 8
 """Frames of a sheet, and faults that are printed."""
 IMPORTED, DIFFERENT, OWN = "imported", "what differs from the empty scene", "alpha channels"
 """Where mattes come from."""
-FACE = "steps/face.npz"
-"""Landmarks of faces and what was fitted to them, where there are any."""
+FIT, FACE = "fit", "steps/face.npz"
+"""The step that poses the person; landmarks of faces and what was fitted to them, where there are any."""
 LARGEST_BYTES = 2**31
 
 
@@ -67,6 +68,8 @@ class Options:
     """Metres of the person, for calibrations without a unit."""
     held_out: str | None = None
     """Frames of the capture, `A:B:S`, that no training sees."""
+    person: str = "default"
+    """The template (`load_person`)."""
 
 
 @dataclass(eq=False)
@@ -100,9 +103,10 @@ class Preparing:
 
     def run(self) -> Iterator[str]:
         """Do what is not done; lines to be read. Raises `InputError` where a step cannot be done: the same command goes on there."""
-        before = ""
+        before, files = "", other_files(self.options.person)
+        self._check_person()
         for number, (name, step) in enumerate(STEPS.items(), 1):
-            chosen = [getattr(self.options, option) for option in step.options]
+            chosen = f"{[getattr(self.options, option) for option in step.options]}{files if step.fits else ''}"
             key = hashlib.sha256(f"{before} {name} {chosen} {self._inputs(step)}".encode()).hexdigest()[:16]
             done = self.state.get(name)
             again = not (isinstance(done, dict) and done.get("key") == key)
@@ -112,7 +116,8 @@ class Preparing:
                 write_json(self.out / STATE, self.state)  # stopped within the step, it is not done
                 said, sheet = step.do(self)
                 write_png(picture, np.dstack([sheet, np.full(sheet.shape[:2], 255, np.uint8)]))
-                self.state[name] = {"key": key, "said": said, "at": datetime.now(UTC).isoformat()}
+                whose = {"person": self.options.person} if step.fits else {}
+                self.state[name] = {"key": key, "said": said, "at": datetime.now(UTC).isoformat(), **whose}
                 write_json(self.out / STATE, self.state)
             before = key
             yield f"{number} {name}{'' if again else ' (done before)'}: {picture}"
@@ -121,9 +126,16 @@ class Preparing:
         for folder in ("steps", "capture"):
             remove_unfinished(self.out / folder)
 
+    def _check_person(self) -> None:
+        """Refuse another person than the one that was fitted: what was refined and trained is of that one."""
+        done = self.state.get(FIT)
+        begun = done.get("person", "default") if isinstance(done, dict) else self.options.person
+        expected = f"{begun}, which {self.out / STATE} was begun with (or --redo {FIT}, with all that follows)"
+        check(begun == self.options.person, "--person", "", expected, self.options.person)
+
     def made(self) -> str:
         """Which fit the capture has: another one after any step was done again."""
-        steps = ["fit", "face"] if (self.out / FACE).exists() else ["fit"]
+        steps = [FIT, "face"] if (self.out / FACE).exists() else [FIT]
         return " ".join(f"{self.state[name]['key']} {self.state[name].get('at')}" for name in steps)
 
     def _inputs(self, step: Step) -> str:
@@ -170,6 +182,10 @@ class Preparing:
         )
         return points[::stride], confidence[::stride], problems
 
+    def capture(self) -> Capture:
+        """What has been made, of the chosen person."""
+        return open_capture(self.out / "capture", template=self.options.person)
+
     def pictures(self, lens: Lens) -> dict[int, Path]:
         """Of a camera, by frame."""
         return {int(path.stem): path for path in sorted((self.body / lens.name).glob("*.jpg"))}
@@ -185,6 +201,8 @@ class Step:
     """Folders of the source; "" its own files."""
     options: tuple[str, ...] = ()
     """What of `Options` it depends on."""
+    fits: bool = False
+    """Whether it rests on the person, too."""
 
 
 def _cameras(work: Preparing) -> tuple[list[str], np.ndarray]:
@@ -199,6 +217,7 @@ def _cameras(work: Preparing) -> tuple[list[str], np.ndarray]:
         ", ".join(lens.name for lens in found.lenses[:6]),
     )
     said = [f"{found.kind}: {len(lenses)} cameras" + ("" if found.scaled else "; its world has neither unit nor axes")]
+    said += _fisheyes(lenses)
     said += [f"{lens.name}: no pictures, left out" for lens in found.lenses if lens not in lenses]
     said += [f"{name}: not calibrated, left out" for name in footage if name not in {lens.name for lens in lenses}]
     for lens in lenses:
@@ -215,6 +234,23 @@ def _cameras(work: Preparing) -> tuple[list[str], np.ndarray]:
         {"kind": found.kind, "scaled": found.scaled, "cameras": calibration(lenses)},
     )
     return said, plan(lenses)
+
+
+def _fisheyes(lenses: tuple[Lens, ...]) -> list[str]:
+    """What their pinholes keep."""
+    angles, shares = [], []
+    for lens in lenses:
+        if lens.fisheye is not None:
+            focal, middle = np.diag(lens.camera.intrinsics)[:2], lens.camera.intrinsics[:2, 2]
+            size = np.array([lens.camera.width, lens.camera.height])
+            angles.append(np.degrees(np.arctan(middle / focal) + np.arctan((size - middle) / focal)).max())
+            shares.append(focal[0] / lens.fisheye[0, 0])
+    if not angles:
+        return []
+    return [
+        f"{len(angles)} fisheyes: undistorted to pinholes that keep {min(angles):.0f}° or more along the longer side, "
+        f"their middle {min(shares):.2f} times as large as taken, or more"
+    ]
 
 
 def _pictures(work: Preparing) -> tuple[list[str], np.ndarray]:
@@ -341,7 +377,8 @@ def _fit(work: Preparing) -> tuple[list[str], np.ndarray]:
     kept = read_arrays(work.out / "steps" / "keypoints.npz", ("points", "confidence"), LARGEST_BYTES)
     wanted = work.options.held_out
     held_out = choice.frames(wanted, len(kept["points"]), "--held-out-frames") if wanted else ()
-    found = fit_initial(cameras.lenses, kept["points"], kept["confidence"], cameras.scaled, work.options.height)
+    person = load_person(work.options.person)
+    found = fit_initial(cameras.lenses, kept["points"], kept["confidence"], cameras.scaled, work.options.height, person)
     rates = [rate for one in work.footage().values() if (rate := one.fps)]
     fps = (work.options.fps or (rates[0] if rates else 30.0)) / work.options.stride
     write_json(work.body / "calibration_full.json", calibration(found.lenses))
@@ -354,11 +391,12 @@ def _fit(work: Preparing) -> tuple[list[str], np.ndarray]:
     middle, most = 1000 * np.nanpercentile(found.residuals(), (50, 95))
     agree = found.points.agree[found.points.found]
     said = [
+        *([] if person.name == "default" else [f"on the files of --person {person.name} ({person.hash})"]),
         *found.notes,
         f"triangulated: {found.points.found.mean():.0%} of {len(landmarks().names)} landmarks, by {agree.mean():.1f} cameras in the mean",
         f"landmarks {middle:.0f} mm from the fitted person in the median, {most:.0f} mm at 95 %",
     ]
-    capture = open_capture(work.out / "capture")
+    capture = work.capture()
     count = capture.rigs["body"].frames
     return said, contact_sheet(
         capture, "body", tuple(np.unique(np.linspace(0, count - 1, SHOWN_FRAMES).round().astype(int)).tolist())
@@ -374,7 +412,7 @@ def _face(work: Preparing) -> tuple[list[str], np.ndarray]:
         (work.out / FACE).unlink(missing_ok=True)
         nothing = "no landmarks of a face in the keypoints: expressions and jaw stay at rest"
         return [nothing, *_first_of(problems)], tiles(())
-    capture = open_capture(work.out / "capture")
+    capture = work.capture()
     points, confidence = (_of_length(values, capture.rigs["body"].frames) for values in (points, confidence))
     found, said, shown = find_expressions(capture, work.cameras().lenses, points, confidence)
     parameters = read_arrays(work.body / "smpl_params.npz")
@@ -394,7 +432,7 @@ STEPS: dict[str, Step] = {
     "pictures": Step(_pictures, PICTURES, ("stride",)),
     "mattes": Step(_mattes, (*MATTES, *BACKDROPS)),
     "keypoints": Step(_keypoints, ("keypoints",)),
-    "fit": Step(_fit, (), ("fps", "height", "held_out")),
+    FIT: Step(_fit, (), ("fps", "height", "held_out"), True),
     "face": Step(_face, ("keypoints",)),
 }
 """In their order."""

@@ -1,6 +1,7 @@
 """Calibrated cameras of a rig, from AvatarReX's and THuman4.0's JSON.
 
-{camera: {K 9, R 9, T 3, distCoeff 4 or 5, imgSize [w, h]}}, matrices flat or nested; world→camera, OpenCV axes.
+{camera: {K 9, R 9, T 3, distCoeff 4 or 5, imgSize [w, h]}}, matrices flat or nested; world→camera, OpenCV axes. `fisheye: true` says that
+the four coefficients are those of OpenCV's fisheyes.
 Pixel centres are taken at i + 0.5, as everywhere in this project.
 """
 
@@ -13,7 +14,8 @@ import numpy as np
 
 from avatarrex.camera import Camera
 from avatarrex.capture.readers.archive import LONGEST_NAME, safe
-from avatarrex.errors import InputError
+from avatarrex.capture.readers.fisheye import COEFFICIENTS, pinhole
+from avatarrex.errors import InputError, check
 from avatarrex.files.json_text import parse_json
 
 MOST_CAMERAS = 1000
@@ -32,19 +34,43 @@ class Lens:
 
     name: str
     camera: Camera
+    """The ideal pinhole that images are undistorted to."""
     distortion: np.ndarray
-    """k1, k2, p1, p2, k3 of OpenCV, (5,)."""
+    """k1, k2, p1, p2, k3 of OpenCV, (5,); k1 to k4 of a fisheye, (4,)."""
+    fisheye: np.ndarray | None = None
+    """K (3, 3) of a fisheye's images as taken, whose pinhole has another focal length; None of other lenses."""
+
+    @property
+    def taken(self) -> np.ndarray:
+        """K (3, 3) of the images as taken."""
+        return self.camera.intrinsics if self.fisheye is None else self.fisheye
 
     @property
     def distorts(self) -> bool:
         """Whether images have to be undistorted."""
-        return float(np.abs(self.distortion).sum()) >= SMALL_DISTORTION
+        return self.fisheye is not None or float(np.abs(self.distortion).sum()) >= SMALL_DISTORTION
 
     def scaled(self, scale: float) -> Lens:
         """The same camera with its position multiplied by `scale`."""
         matrix = self.camera.camera_from_world.copy()
         matrix[:3, 3] *= scale
         return replace(self, camera=replace(self.camera, camera_from_world=matrix))
+
+
+def fisheye_lens(name: str, taken: Camera, coefficients: np.ndarray, source: object, field: str) -> Lens:
+    """Of a fisheye whose images as taken have the K of `taken`. Raises `InputError` naming `field`, that of k1 to k4 (4,)."""
+    check(
+        len(coefficients) == COEFFICIENTS,
+        source,
+        field,
+        "4 coefficients k1, k2, k3, k4 of a fisheye",
+        len(coefficients),
+    )
+    ideal = pinhole(taken.intrinsics, coefficients, (taken.width, taken.height))
+    if ideal is None:
+        expected = "a fisheye that shows rays up to each side of its pictures, about a principal point within"
+        raise InputError(source, field, expected, coefficients.tolist())
+    return Lens(name, replace(taken, intrinsics=ideal), coefficients, taken.intrinsics)
 
 
 def read_calibration(text: str, source: str) -> tuple[Lens, ...]:
@@ -74,6 +100,11 @@ def _lens(name: str, entry: Any, source: str) -> Lens:
     )
     camera_from_world[:3, 3] = _numbers(entry, "T", (3,), name, source)
     camera = Camera(intrinsics, camera_from_world, int(width), int(height))
+    fisheye = entry.get("fisheye", False)
+    check(isinstance(fisheye, bool), source, f"{name}.fisheye", "true or false", repr(fisheye)[:60])
+    if fisheye:
+        coefficients = _numbers(entry, "distCoeff", (None,), name, source)
+        return fisheye_lens(name, camera, coefficients, source, f"{name}.distCoeff")
     return Lens(name, camera, _distortion(entry, name, source))
 
 

@@ -1,4 +1,4 @@
-"""Images of an ideal pinhole from those of a real lens: OpenCV's five coefficients, bilinear.
+"""Images of an ideal pinhole from those of a real lens: OpenCV's five coefficients, or a fisheye (fisheye.py), bilinear.
 
 x_d = x (1 + k1 r² + k2 r⁴ + k3 r⁶) + 2 p1 x y + p2 (r² + 2 x²), y_d alike; x, y on the plane z = 1. Letters: h w pixels.
 """
@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.ndimage import map_coordinates
 
+from avatarrex.capture.readers import fisheye
 from avatarrex.capture.readers.calibration import Lens
 
 STRAIGHTENED = 20
@@ -31,9 +32,9 @@ def distort(points: np.ndarray, distortion: np.ndarray) -> np.ndarray:
 
 def bend(lens: Lens, pixels: np.ndarray) -> np.ndarray:
     """Where points (…, 2) of the ideal picture are in the taken one, pixels with centres at +0.5."""
-    intrinsics = lens.camera.intrinsics
-    plane = (pixels - intrinsics[:2, 2]) @ np.linalg.inv(intrinsics[:2, :2]).T
-    return np.asarray(distort(plane, lens.distortion) @ intrinsics[:2, :2].T + intrinsics[:2, 2])
+    plane = _on_plane(pixels, lens.camera.intrinsics)
+    bent = distort(plane, lens.distortion) if lens.fisheye is None else fisheye.distort(plane, lens.distortion)
+    return _in_picture(bent, lens.taken)
 
 
 def straighten(lens: Lens, pixels: np.ndarray) -> np.ndarray:
@@ -43,12 +44,23 @@ def straighten(lens: Lens, pixels: np.ndarray) -> np.ndarray:
     """
     if not lens.distorts:
         return pixels
-    intrinsics = lens.camera.intrinsics
-    bent = (pixels - intrinsics[:2, 2]) @ np.linalg.inv(intrinsics[:2, :2]).T
+    bent = _on_plane(pixels, lens.taken)
+    if lens.fisheye is not None:
+        return _in_picture(fisheye.straighten(bent, lens.distortion), lens.camera.intrinsics)
     plane = bent
     with np.errstate(over="ignore", invalid="ignore"):
         for _ in range(STRAIGHTENED):
             plane = plane + bent - distort(plane, lens.distortion)
+    return _in_picture(plane, lens.camera.intrinsics)
+
+
+def _on_plane(pixels: np.ndarray, intrinsics: np.ndarray) -> np.ndarray:
+    """Pixels (…, 2) on the plane z = 1."""
+    return np.asarray((pixels - intrinsics[:2, 2]) @ np.linalg.inv(intrinsics[:2, :2]).T)
+
+
+def _in_picture(plane: np.ndarray, intrinsics: np.ndarray) -> np.ndarray:
+    """The way back."""
     return np.asarray(plane @ intrinsics[:2, :2].T + intrinsics[:2, 2])
 
 
