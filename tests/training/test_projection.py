@@ -18,7 +18,6 @@ from avatarrex.fields.detail_texture import DetailTexture
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.sequence import SignalSequence
 from avatarrex.templates.person import load_person
-from avatarrex.training.core import registration
 from avatarrex.training.core.carving import carve
 from avatarrex.training.core.frames import FrameStore
 from avatarrex.training.core.projection import Picture, Projected, paint, start_from_pictures
@@ -28,15 +27,13 @@ HIDDEN = frozenset({"face", "left_hand", "right_hand"})
 
 @pytest.fixture(scope="module")
 def store(tmp_path_factory: pytest.TempPathFactory) -> FrameStore:
-    """Frames of the prior's surface, with texels from the miniature's training pictures; registered in a third of the rounds."""
+    """Frames of the prior's surface, with texels from the miniature's training pictures."""
     rig = sealed(open_capture(write_miniature(tmp_path_factory.mktemp("capture"), "body")), "train").rigs["body"]
     avatar = perturbed("body", 0)
     avatar.measure_clothing_offset()
     store = FrameStore(avatar, rig, "body", HIDDEN, True)
     store.renew(0)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(registration, "SLOPES", registration.SLOPES[::3])
-        start_from_pictures(avatar, "body", store, 0.01, slides=True, rises=True)
+    start_from_pictures(avatar, "body", store, 0.01, slides=True, rises=True)
     return store
 
 
