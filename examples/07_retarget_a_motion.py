@@ -33,7 +33,7 @@ ax.write_motion(saved, mirrored)
 again = ax.read_motion(saved)
 
 avatar, pictures = ax.load("default"), []
-for k in np.linspace(0, len(again) - 1, 6)[1:].astype(int):
+for k in np.linspace(0, len(again) - 1, 6)[1:].astype(int).tolist():
     x, _, z = again[k].translation
     camera = ax.Camera.orbit(azimuth_deg=40, distance=2.8, target=(x, -0.05, z), width=size, height=size)
     pictures.append(composite(ax.render(avatar, again[k], camera).image, (1.0, 1.0, 1.0, 1.0)))

@@ -6,12 +6,13 @@ devices fails, and so does taking numbers from there that were not brought back;
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import torch
 from torch import Tensor
 from torch.utils._python_dispatch import TorchDispatchMode
-from torch.utils._pytree import tree_leaves, tree_map_only
+from torch.utils._pytree import tree_map_only
 
 DEVICE = torch.device("meta")
 CPU = torch.device("cpu")
@@ -43,13 +44,15 @@ class Elsewhere(TorchDispatchMode):
 
 def run(operation: Any, arguments: tuple[Any, ...], named: dict[str, Any]) -> Any:
     """One operation on the numbers, its answer on the device where it belongs."""
-    tensors = [leaf for leaf in tree_leaves((arguments, named)) if isinstance(leaf, Tensor)]
+    tensors = list(tensors_of((*arguments, *named.values())))
     there = any(isinstance(tensor, There) for tensor in tensors)
+    device = named.get("device")
+    if not there and (device is None or torch.device(device) != DEVICE):
+        return operation(*arguments, **named)
     moves = operation in (torch.ops.aten._to_copy.default, torch.ops.aten.copy_.default)
     here = [tuple(tensor.shape) for tensor in tensors if tensor.dim() and not isinstance(tensor, There)]
     if there and here and not moves:
         raise RuntimeError(f"{operation}: tensors of two devices, of the CPU {here}")
-    device = named.get("device")
     given = named if device is None else {**named, "device": CPU}
     inner = tree_map_only(There, lambda tensor: tensor.numbers, (arguments, given))
     answer = operation(*inner[0], **inner[1])
@@ -59,3 +62,12 @@ def run(operation: Any, arguments: tuple[Any, ...], named: dict[str, Any]) -> An
     if device is not None:
         there = torch.device(device) == DEVICE
     return tree_map_only(Tensor, There, answer) if there else answer
+
+
+def tensors_of(values: Iterable[Any]) -> Iterator[Tensor]:
+    """In order, those of lists as well."""
+    for value in values:
+        if isinstance(value, Tensor):
+            yield value
+        elif isinstance(value, list | tuple):
+            yield from tensors_of(value)

@@ -145,18 +145,19 @@ class Milestone:
 class Watched(Trainer):
     """A training that shows its figures in place of its checkpoints."""
 
-    def __init__(self, capture: Capture, recipe: Recipe, run: Run, start: Avatar, look: Look) -> None:
+    def __init__(self, capture: Capture, recipe: Recipe, run: Run, start: Avatar) -> None:
         super().__init__(capture, recipe, run, start)
         self.perceptual = Perceptual(None, "1 − MS-SSIM")
-        self.look, self.whole, self.shown = look, capture, 0
+        self.whole, self.looks = capture, dict[int, Look]()
 
     def _save(self, stage: int, step: int, work: Work | None, score: float | None = None) -> None:
-        if step > self.shown:
-            self.shown = step
-            self.look(step, held_out_figures(self.whole, self.avatar))
+        if look := self.looks.pop(step, None):
+            look(step, held_out_figures(self.whole, self.avatar))
 
 
-def learn(path: Path, recipe: Recipe, run: Run, start: Avatar, look: Look) -> None:
-    """Train `start` as `train` does; `look` gets step and figures at each multiple of the recipe's interval."""
+def learn(path: Path, recipe: Recipe, run: Run, start: Avatar, looks: dict[int, Look]) -> None:
+    """Train `start` as `train` does; at each step of `looks`, multiples of the recipe's interval, its look gets step and figures."""
     with run:
-        Watched(open_capture(path), recipe, run, start, look).train()
+        trainer = Watched(open_capture(path), recipe, run, start)
+        trainer.looks |= looks
+        trainer.train()
