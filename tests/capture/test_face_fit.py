@@ -238,7 +238,7 @@ def test_teeth_and_tongue_lie_behind_the_lips() -> None:
     pieces = {name: [k for k, node in enumerate(field.nodes) if node in base.body.groups[name]] for name in MOUTH}
     line = (rest[base.body.groups["upper_teeth"], 1].min() + rest[base.body.groups["lower_teeth"], 1].max()) / 2
     for upper in (True, False):
-        back = (rest[list(field.nodes), 1] > line) == upper
+        back = ((rest[list(field.nodes), 1] > line) == upper) & ~field.behind.any(1)
         field.now[:] = 0
         field.now[back, 2, 0] = -0.004
         moved = {name: field.offsets().rest[rows] for name, rows in pieces.items()}
