@@ -2,9 +2,9 @@
 
     v(ψ) = v_template(ψ) + Σ_n w_n (o_n + Σ_k (b_k · ψ) d_nk)
 
-over some nodes n of the head's skin, eyeballs, teeth and tongue. w falls with the way along the mesh: what moves the upper lip leaves the
-lower one; eyeballs, rows of teeth and the tongue each move as a whole. b_k are a few directions of ψ, those that the pictures showed: of others nothing is known, and the
-template's shapes stay. Ours.
+over some nodes n of the head's skin, eyeballs, teeth and tongue. w falls with the way along the mesh: what moves the upper lip leaves
+the lower one; eyeballs, rows of teeth and the tongue move as a whole each. b_k are a few directions of ψ, those that the pictures
+showed: of others nothing is known, and the template's shapes stay. Ours.
 
 Letters: v vertices, n nodes, k directions, e expression coefficients. Root frame at rest, metres.
 """
@@ -93,8 +93,8 @@ class FaceOffsets:
 
 
 def node_weights(body: TemplateModel, nodes: tuple[int, ...]) -> csr_array:
-    """(v, n) w: Gaussians of the nearest nodes, with sum 1 close to them and all over an eyeball, teeth or tongue, 0 far away. Raises `InputError` for no
-    vertices."""
+    """(v, n) w: Gaussians of the nearest nodes, with sum 1 close to them and all over an eyeball, teeth or tongue, 0 far away. Raises
+    `InputError` for no vertices."""
     if not nodes or min(nodes) < 0 or max(nodes) >= len(body.v_template):
         raise InputError("person fit", "face.vertices", f"indices below {len(body.v_template)}", nodes[:8])
     edges, rigid = mesh_edges(body), body.of_groups((*EYES, *MOUTH)).numpy()

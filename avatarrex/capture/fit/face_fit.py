@@ -253,8 +253,8 @@ def _spacing(body: TemplateModel) -> np.ndarray:
 
 
 def _spread(body: TemplateModel, skin: np.ndarray) -> tuple[tuple[int, ...], np.ndarray]:
-    """Nodes on what moves as a whole and on the vertices `skin`, and the ways (n, n) between them along the mesh: the fronts of eyeballs, teeth
-    and tongue, the tip of the nose, then each the farthest from those before, in units of the spacing there."""
+    """Nodes on what moves as a whole and on the vertices `skin`, and the ways (n, n) between them along the mesh: the fronts of eyeballs,
+    teeth and tongue, the tip of the nose, then each the farthest from those before, in units of the spacing there."""
     depth, spacing, edges = body.v_template.numpy()[:, 2], _spacing(body), mesh_edges(body)
     pieces = [body.of_groups([name]).numpy() for name in (*EYES, *MOUTH)]
     chosen = [int(np.where(piece, depth, -np.inf).argmax()) for piece in pieces if piece.any()]
