@@ -2,9 +2,9 @@
 
     v(ψ) = v_template(ψ) + Σ_n w_n (o_n + Σ_k (b_k · ψ) d_nk)
 
-over some nodes n of the head's skin and of the eyeballs. w falls with the way along the mesh: what moves the upper lip leaves the lower
-one; an eyeball moves as a whole. b_k are a few directions of ψ, those that the pictures showed: of others nothing is known, and the
-template's shapes stay. Ours.
+over some nodes n of the head's skin, eyeballs, teeth and tongue. w falls with the way along the mesh: what moves the upper lip leaves
+the lower one; eyeballs, rows of teeth and the tongue move as a whole each. b_k are a few directions of ψ, those that the pictures
+showed: of others nothing is known, and the template's shapes stay. Ours.
 
 Letters: v vertices, n nodes, k directions, e expression coefficients. Root frame at rest, metres.
 """
@@ -19,7 +19,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
 from avatarrex.errors import InputError
-from avatarrex.templates.model import EYES, TemplateModel
+from avatarrex.templates.model import EYES, MOUTH, TemplateModel
 
 SIGMA, NEAREST = (0.001, 0.01), 8
 """Metres: σ of a node's Gaussian at least and at most; how many nodes move a vertex."""
@@ -93,13 +93,13 @@ class FaceOffsets:
 
 
 def node_weights(body: TemplateModel, nodes: tuple[int, ...]) -> csr_array:
-    """(v, n) w: Gaussians of the nearest nodes, with sum 1 close to them and all over an eyeball, 0 far away. Raises `InputError` for no
-    vertices."""
+    """(v, n) w: Gaussians of the nearest nodes, with sum 1 close to them and all over an eyeball, teeth or tongue, 0 far away. Raises
+    `InputError` for no vertices."""
     if not nodes or min(nodes) < 0 or max(nodes) >= len(body.v_template):
         raise InputError("person fit", "face.vertices", f"indices below {len(body.v_template)}", nodes[:8])
-    edges, eye = mesh_edges(body), body.of_groups(EYES).numpy()
+    edges, rigid = mesh_edges(body), body.of_groups((*EYES, *MOUTH)).numpy()
     away = dijkstra(edges, indices=list(nodes), limit=FADE[1]).T
-    for column in np.flatnonzero(eye[list(nodes)]):
+    for column in np.flatnonzero(rigid[list(nodes)]):
         away[:, column] = dijkstra(edges, indices=nodes[column])
     between = away[list(nodes)]
     np.fill_diagonal(between, np.inf)
@@ -109,7 +109,7 @@ def node_weights(body: TemplateModel, nodes: tuple[int, ...]) -> csr_array:
     away = np.take_along_axis(away[reached], nearest, 1)
     value = np.exp(-0.5 * (away / sigma[nearest]) ** 2)
     fade = np.clip((FADE[1] - away[:, :1]) / (FADE[1] - FADE[0]), 0, 1)
-    value *= np.where(eye[reached, None], 1, fade) / value.sum(1, keepdims=True)
+    value *= np.where(rigid[reached, None], 1, fade) / value.sum(1, keepdims=True)
     rows = np.repeat(reached, value.shape[1])
     return csr_array((value.ravel(), (rows, nearest.ravel())), shape=(len(body.v_template), len(nodes)))
 

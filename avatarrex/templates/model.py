@@ -23,6 +23,7 @@ from avatarrex.signals.driving import Signals
 from avatarrex.templates.mesh import vertex_normals
 
 EYES, TEETH = ("left_eye", "right_eye"), ("upper_teeth", "lower_teeth")
+MOUTH = (*TEETH, "tongue")
 """Groups of vertices that a template may name."""
 
 

@@ -17,8 +17,9 @@ from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
 from avatarrex.errors import InputError
+from avatarrex.signals.joints import JOINT_NAMES
 from avatarrex.templates.face_offsets import FaceOffsets
-from avatarrex.templates.model import TemplateModel
+from avatarrex.templates.model import EYES, TemplateModel
 
 SPREAD_SIGMA = 0.05
 """Metres: σ of a surface offset, about what 320 of them are apart."""
@@ -107,6 +108,7 @@ class PersonFit:
         shape = torch.from_numpy(self.shape)
         vertices = (body.v_template + body.shapedirs[..., :10] @ shape).numpy()
         joints = (body.joint_template + body.joint_shapedirs[..., :10] @ shape).numpy()
+        placed = joints + self.joint_offsets
         from scipy.interpolate import RBFInterpolator  # takes 0.3 s: not before a person is fitted
 
         follows = RBFInterpolator(joints, self.joint_offsets, kernel="linear", degree=1)(vertices)
@@ -116,5 +118,8 @@ class PersonFit:
         if self.face is not None:
             rest, own = self.face.shapes(body)
             follows, expressions = follows + rest, expressions + torch.from_numpy(own)
-        moved = torch.from_numpy(vertices + follows), torch.from_numpy(joints + self.joint_offsets)
+            for eye in EYES:  # turns about the middle of its ball, which moves as a whole
+                if eye in body.groups:
+                    placed[JOINT_NAMES.index(eye)] += rest[body.groups[eye]].mean(0)
+        moved = torch.from_numpy(vertices + follows), torch.from_numpy(placed)
         return replace(body, v_template=moved[0], joint_template=moved[1], expression_dirs=expressions)

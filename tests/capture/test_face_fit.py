@@ -25,7 +25,7 @@ from avatarrex.signals.driving import Signals
 from avatarrex.signals.joints import EXPRESSION_NAMES, JOINT_NAMES
 from avatarrex.signals.sequence import SignalSequence
 from avatarrex.templates.face_offsets import FaceOffsets
-from avatarrex.templates.model import pose_by_signals
+from avatarrex.templates.model import MOUTH, pose_by_signals
 from avatarrex.templates.person import Person, load_person, resize_person
 from avatarrex.templates.person_fit import PersonFit
 
@@ -165,11 +165,12 @@ def test_nodes_are_finer_at_lids_and_lips() -> None:
     nodes, ways = face_fit._spread(body, outer())
     place = body.v_template.double().numpy()[list(nodes)]
     np.fill_diagonal(ways, np.inf)
+    skin = np.isfinite(ways).any(1)
     for names, reach in face_fit.FEATURES:
         feature = np.concatenate([body.v_template.double().numpy()[body.groups[name]] for name in names])
         near = np.linalg.norm(place[:, None] - feature, axis=-1).min(1) < reach
         assert near.sum() > 10
-        assert np.median(ways[2:][near[2:]].min(1)) < 0.013 < np.median(ways.min(1))
+        assert np.median(ways[skin & near].min(1)) < 0.013 < np.median(ways[skin].min(1))
 
 
 def test_flesh_lies_between_a_cheek_and_the_cavity_alone() -> None:
@@ -224,9 +225,28 @@ def test_rest_is_without_an_expression(rng: np.random.Generator) -> None:
     base, jaw = load_person(), np.eye(52)[[JAW]]
     field = face_fit._Field(base, face_fit._points(base), jaw, 0.3 * jaw[0])
     field.now = 0.01 * rng.standard_normal(field.now.shape)
-    face = field.offsets()
-    np.testing.assert_allclose(face.rest + 0.3 * face.moves[..., 0], field.now[..., 0], atol=2e-6)
+    face, skin = field.offsets(), ~field.behind.any(1)
+    np.testing.assert_allclose((face.rest + 0.3 * face.moves[..., 0])[skin], field.now[skin, :, 0], atol=2e-6)
     np.testing.assert_allclose(face.moves, field.now[..., 1:], atol=1e-6)
+
+
+def test_teeth_and_tongue_lie_behind_the_lips() -> None:
+    """An upper lip that lies 4 mm farther back takes the upper teeth along, a lower lip the lower teeth and the tongue."""
+    base, nobody = load_person(), np.zeros((0, 52))
+    rest = base.body.v_template.double().numpy()
+    field = face_fit._Field(base, face_fit._points(base), nobody, np.zeros(52))
+    pieces = {name: [k for k, node in enumerate(field.nodes) if node in base.body.groups[name]] for name in MOUTH}
+    line = (rest[base.body.groups["upper_teeth"], 1].min() + rest[base.body.groups["lower_teeth"], 1].max()) / 2
+    for upper in (True, False):
+        back = ((rest[list(field.nodes), 1] > line) == upper) & ~field.behind.any(1)
+        field.now[:] = 0
+        field.now[back, 2, 0] = -0.004
+        moved = {name: field.offsets().rest[rows] for name, rows in pieces.items()}
+        for name, by in moved.items():
+            assert by.shape == (1, 3)
+            taken = by[0, 2] / -0.004
+            assert taken > 0.75 if (name == "upper_teeth") == upper else taken < 0.25
+        np.testing.assert_array_equal(moved["tongue"], moved["lower_teeth"])
 
 
 def test_what_is_not_fitted(tmp_path: Path) -> None:

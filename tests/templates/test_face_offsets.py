@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from avatarrex.errors import InputError
-from avatarrex.signals.joints import EXPRESSION_NAMES
+from avatarrex.signals.joints import EXPRESSION_NAMES, JOINT_NAMES
 from avatarrex.templates.face import pose_face
 from avatarrex.templates.face_offsets import FADE, FaceOffsets, mesh_edges, node_weights
 from avatarrex.templates.person import Person, load_person, resize_person
@@ -94,13 +94,31 @@ def test_nodes_close_together_move_little_beside_themselves() -> None:
     assert 0.7 < weights[one, 0] < 0.8
 
 
-def test_an_eyeball_moves_as_a_whole() -> None:
+@pytest.mark.parametrize("name", ["left_eye", "right_eye", "upper_teeth", "lower_teeth", "tongue"])
+def test_eyeballs_teeth_and_tongue_move_as_a_whole(name: str) -> None:
     body = load_person().body
-    eye = body.groups["left_eye"]
-    front = int(eye[body.v_template[eye, 2].argmax()])
+    piece = body.groups[name]
+    front = int(piece[body.v_template[piece, 2].argmax()])
     weights = node_weights(body, (front, 5)).toarray()
-    np.testing.assert_allclose(weights[eye, 0], 1)
-    assert not weights[body.groups["right_eye"]].any()
+    np.testing.assert_allclose(weights[piece, 0], 1)
+    assert np.count_nonzero(weights[:, 0]) == len(piece)
+
+
+def test_an_eye_turns_about_its_own_middle() -> None:
+    plain = load_person()
+    eye = plain.body.groups["left_eye"]
+    front = int(eye[plain.body.v_template[eye, 2].argmax()])
+    face = FaceOffsets((front,), UP[None], np.zeros((0, 52)), np.zeros((1, 3, 0)))
+    own = resize_person(load_person(), PersonFit(np.zeros(10), np.zeros((55, 3)), face=face))
+    gaze = torch.tensor([[0.3, 0.5, 0.0], [0.0, 0.0, 0.0]])
+    theirs, ours = (
+        pose_face(each.face, torch.zeros(52), torch.zeros(3), gaze, torch.zeros(0)) for each in (plain, own)
+    )
+    rows = torch.isin(plain.face.body_vertex_ids, eye)
+    step = (ours - theirs)[rows].double().numpy()
+    np.testing.assert_allclose(step, np.broadcast_to(UP, step.shape), atol=1e-6)
+    other = JOINT_NAMES.index("right_eye")
+    assert torch.equal(own.body.joint_template[other], plain.body.joint_template[other])
 
 
 def test_weights_add_up_near_nodes_and_fade() -> None:

@@ -8,7 +8,8 @@ which the pictures agree is sought, over offsets (o, d) of nodes (templates/face
 with c a point's colour in a picture, t its mean, M the head's blended rotation, and φ the frame's expression along the directions in which
 the frames differ most. What one camera sees along its rays others see across them. Each round draws the points where the last one
 has them, in sharper pictures. t follows from the offsets, and is eliminated; o is the face at the frames' mean expression, and moves along
-the normal alone. Eyeballs have a node each, that moves every way. Jaw and eyes turn as the template's do; teeth and tongue stay.
+the normal alone. Eyeballs have a node each, that moves every way. Jaw and eyes turn as the template's do; teeth and tongue lie behind the
+lips at rest as the template's do: no colours move them, for what is seen of them is seen between moving lips.
 Letters: p points, v vertices, n nodes, k directions and one more for rest, e coefficients. Metres; sRGB in [0, 1].
 """
 
@@ -32,7 +33,7 @@ from avatarrex.capture.readers.splits import Splits
 from avatarrex.ops.skinning import blend
 from avatarrex.signals.driving import Signals
 from avatarrex.templates.face_offsets import FaceOffsets, mesh_edges, node_weights
-from avatarrex.templates.model import EYES, TEETH, TemplateModel
+from avatarrex.templates.model import EYES, MOUTH, TEETH, TemplateModel
 from avatarrex.templates.person import Person, load_person, resize_person
 
 FRAMES, ALIKE = 16, 1e-3
@@ -66,8 +67,8 @@ STRENGTH = 100.0
 """1/σ_c², σ_c = 0.1 sRGB."""
 Seen = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 """Of a picture: rows of the points that it shows, cosines, colours, slopes."""
-STILL = (*TEETH, "tongue")
-"""What no offset moves."""
+LIP = 0.012
+"""Metres from a row of teeth to the skin that it lies behind, whatever the face: closed lips would show it otherwise."""
 
 
 def fit_face(capture: Capture) -> Person:
@@ -109,6 +110,7 @@ class _Field:
         eye = base.body.of_groups(EYES).numpy()[list(self.nodes)]
         self.skin, self.place = np.unique(faces[points.face, points.share.argmax(1)], return_inverse=True)
         self.weights = node_weights(base.body, self.nodes)[self.skin]
+        self.behind = _behind(base.body, self.nodes)
         self.now = np.zeros((len(self.nodes), 3, 1 + len(directions)))
         sigma = np.tile([REST_SIGMA, *[MOVE_SIGMA] * len(directions)], (len(self.nodes), 1))
         sigma[eye, 0] = EYE_SIGMA
@@ -157,7 +159,10 @@ class _Field:
     def offsets(self) -> FaceOffsets:
         """What has been found; ψ = 0 is rest."""
         moves = self.now[..., 1:]
-        return FaceOffsets(self.nodes, self.now[..., 0] - moves @ (self.directions @ self.mean), self.directions, moves)
+        rest = self.now[..., 0] - moves @ (self.directions @ self.mean)
+        inner = self.behind.any(1)
+        rest[inner] = self.behind[inner] @ rest
+        return FaceOffsets(self.nodes, rest, self.directions, moves)
 
 
 class _Sums:
@@ -198,7 +203,7 @@ def _points(base: Person) -> Points:
     ids, faces = face.body_vertex_ids.numpy(), body.faces.numpy()
     own, inner = np.zeros(len(body.v_template), bool), np.zeros(len(body.v_template), bool)
     own[ids], inner[ids] = face.blend_weight.numpy() > 0, face.mouth.numpy()
-    inner |= body.of_groups(STILL).numpy()
+    inner |= body.of_groups(MOUTH).numpy()
     a, b, c = (body.v_template.double().numpy()[faces[:, corner]] for corner in range(3))
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1) * (own[faces].all(1) & ~inner[faces].any(1))
     area /= _spacing(body)[faces].mean(1) ** 2
@@ -248,14 +253,12 @@ def _spacing(body: TemplateModel) -> np.ndarray:
 
 
 def _spread(body: TemplateModel, skin: np.ndarray) -> tuple[tuple[int, ...], np.ndarray]:
-    """Nodes on the eyeballs and the vertices `skin`, and the ways (n, n) between them along the mesh: the fronts of the eyeballs, the tip of
-    the nose, then each the farthest from those before, in units of the spacing there."""
+    """Nodes on what moves as a whole and on the vertices `skin`, and the ways (n, n) between them along the mesh: the fronts of eyeballs,
+    teeth and tongue, the tip of the nose, then each the farthest from those before, in units of the spacing there."""
     depth, spacing, edges = body.v_template.numpy()[:, 2], _spacing(body), mesh_edges(body)
-    eyes = [body.of_groups([name]).numpy() for name in EYES]
-    chosen, skin = (
-        [int(np.where(eye, depth, -np.inf).argmax()) for eye in eyes if eye.any()],
-        skin[~np.any(eyes, 0)[skin]],
-    )
+    pieces = [body.of_groups([name]).numpy() for name in (*EYES, *MOUTH)]
+    chosen = [int(np.where(piece, depth, -np.inf).argmax()) for piece in pieces if piece.any()]
+    skin = skin[~np.any(pieces, 0)[skin]]
     chosen.append(int(skin[depth[skin].argmax()]))
     ways = [dijkstra(edges, indices=node) for node in chosen]
     away = ways[-1][skin] / spacing[skin]
@@ -285,6 +288,20 @@ def _lids(body: TemplateModel, nodes: tuple[int, ...]) -> np.ndarray:
             near = cKDTree(place[eye]).query(place[rows])[0] < reach
             found[np.ix_(eye[rows], near & lids)] = 1
     return found + found.T
+
+
+def _behind(body: TemplateModel, nodes: tuple[int, ...]) -> np.ndarray:
+    """(n, n) of a node of teeth or tongue what the lip before it moves by, in the mean over its vertices."""
+    rest, found = body.v_template.double().numpy(), np.zeros((len(nodes),) * 2)
+    rows = [body.of_groups([name]).numpy() for name in TEETH]
+    if not all(row.any() for row in rows):
+        return found
+    weights, skin = node_weights(body, nodes), ~body.of_groups((*EYES, *MOUTH)).numpy()
+    away = [cKDTree(rest[row]).query(rest)[0] for row in rows]
+    for names, row, near in zip((TEETH[:1], MOUTH[1:]), rows, away):
+        lip = skin & (near < LIP) & (near <= np.min(away, 0)) & (rest[:, 2] > rest[row, 2].mean())
+        found[body.of_groups(names).numpy()[list(nodes)]] = weights[lip].mean(0)
+    return found
 
 
 def _differences(ways: np.ndarray, through: np.ndarray) -> np.ndarray:

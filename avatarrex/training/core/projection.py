@@ -30,7 +30,7 @@ from avatarrex.parts.face import Face, face_state
 from avatarrex.pointmap.point_map import PointMap
 from avatarrex.pointmap.raycast import raycast
 from avatarrex.shading.colour import surface_points
-from avatarrex.templates.model import EYES, TEETH
+from avatarrex.templates.model import EYES, MOUTH
 from avatarrex.training.core.agreement import agreed
 from avatarrex.training.core.frames import FrameStore, TrainingFrame
 from avatarrex.training.core.registration import register
@@ -50,8 +50,6 @@ ALONE = 0.01
 ROUNDS, STRAY = 2, 0.1
 """Means after the first, and the difference in sRGB at which a pixel's weight has fallen to a quarter."""
 
-MOUTH = (*TEETH, "tongue")
-"""Groups of the face's template that have no texels; what lids hide has."""
 SEEN = 1e-4
 """Weight from which a texel counts as seen."""
 
