@@ -3,14 +3,15 @@
     avatarrex-studio capture make CAPTURE --size small
     python tools/film_capture.py CAPTURE FILM
     avatarrex-studio capture prepare FILM/source FILM/out --train quick --held-out-frames A:B
-    avatarrex-studio train FILM/exact --recipe quick --out FILM/run_exact
     python tools/film_capture.py --judge FILM/out/refined FILM
+    avatarrex-studio train FILM/filmed --recipe quick --out FILM/run_filmed
     avatarrex-studio evaluate FILM/out/run/checkpoints/LAST/avatar.avatar FILM/judged --frames held-out
-    avatarrex-studio evaluate FILM/run_exact/checkpoints/LAST/avatar.avatar FILM/exact --frames held-out
+    avatarrex-studio evaluate FILM/run_filmed/checkpoints/LAST/avatar.avatar FILM/exact --frames held-out
 
 `FILM/source`: H.264 videos before a wall with stains, noise of 1.5 levels, the empty scenes, OpenCV's calibration, OpenPose's keypoints (2
-pixels of noise, 5 % anywhere in the picture). `FILM/exact`: the body alone, as it was drawn. `FILM/judged`: exact pictures, mattes and meshes
-with the cameras and parameters that were prepared. The first call prints the frames that are held out.
+pixels of noise, 5 % anywhere in the picture). `FILM/exact`: the body alone, as it was drawn. `FILM/judged`: exact pictures, mattes and
+meshes with the cameras and parameters that were prepared; `FILM/filmed`: the film's pictures and mattes with exact cameras and parameters.
+The first call prints the frames that are held out.
 """
 
 from __future__ import annotations
@@ -102,25 +103,26 @@ def write_video(path: Path, pictures: Iterator[np.ndarray]) -> None:
         container.mux(stream.encode())
 
 
-def judged(exact: Path, prepared: Path, out: Path) -> None:
-    """The exact pictures, mattes and meshes with the cameras and parameters that were prepared."""
+def tracked_otherwise(pictures: Path, tracking: Path, out: Path) -> None:
+    """The pictures, mattes and meshes of one capture with the cameras and parameters of another."""
     body = out / "body"
-    shutil.copytree(exact / "body", body, copy_function=os.link)
+    shutil.copytree(pictures / "body", body, copy_function=os.link)
     for name in ("calibration_full.json", "smpl_params.npz"):
         (body / name).unlink()
-        shutil.copyfile(prepared / "body" / name, body / name)
-    shutil.copyfile(exact / "capture.json", out / "capture.json")
+        shutil.copyfile(tracking / "body" / name, body / name)
+    shutil.copyfile(pictures / "capture.json", out / "capture.json")
 
 
 def main() -> None:
-    """Film a capture, or put the prepared parameters beside its exact pictures."""
+    """Film a capture, or put the prepared parameters beside its exact pictures, and the exact ones beside the film's."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("capture", type=Path, nargs="?", help="what `capture make` has made")
     parser.add_argument("film", type=Path, help="a new folder, or with --judge the one that was filmed into")
     parser.add_argument("--judge", type=Path, metavar="PREPARED", help="OUT/refined of `capture prepare`")
     options = parser.parse_args()
     if options.judge:
-        judged(options.film / "exact", options.judge, options.film / "judged")
+        tracked_otherwise(options.film / "exact", options.judge, options.film / "judged")
+        tracked_otherwise(options.judge, options.film / "exact", options.film / "filmed")
         return
     body_alone(options.capture, options.film / "exact")
     rig = open_capture(options.film / "exact").rigs["body"]
