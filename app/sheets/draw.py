@@ -12,6 +12,7 @@ from typing import Any
 from avatarrex_studio.session.evaluation import motion_over
 from avatarrex_studio.sheets import pages
 from avatarrex_studio.sheets.captured import captured_page, drawer_artist, framed, mesh_artist, photograph
+from avatarrex_studio.sheets.close_ups import by_rig, close_page, close_ups
 from avatarrex_studio.sheets.order import TRUTHS, SheetOrder
 from avatarrex_studio.sheets.pages import Artist, Page
 from avatarrex_studio.sheets.paper import laid_out, write_jpeg
@@ -19,13 +20,14 @@ from tqdm import tqdm
 
 from avatarrex.avatar import Avatar
 from avatarrex.avatar_file import load_avatar
-from avatarrex.capture.readers.rigs import open_capture
+from avatarrex.capture.readers.rigs import Capture, open_capture
 from avatarrex.capture.readers.splits import with_validation
 from avatarrex.errors import InputError
 from avatarrex.gl.context import NoContext
 from avatarrex.metrics.drawing import by_level
 from avatarrex.metrics.floaters import SILHOUETTE_PIXELS, Floaters, find_floaters
 from avatarrex.metrics.own_training import as_trained
+from avatarrex.templates.person import Person
 
 FORMAT = 1
 PAGES = {"body": pages.body_page, "face": pages.face_page, "hands": pages.hands_page}
@@ -47,11 +49,8 @@ def run(order: SheetOrder) -> dict[str, Any]:
                 avatar, order.avatar, with_validation(open_capture(order.truth, template=avatar.person.name))
             )
             fitted = avatar.person if own else captured.person
-    among = list(artists)
-    if order.other:
-        other = _name(order.other)
-        label = other if other != name else f"{other} (2)"
-        among += _avatar_artists(label, load_avatar(order.other), order)
+    others = _others(name, order)
+    close: list[dict[str, Any]] = []
     seconds: dict[str, float] = {}
     floaters: list[Floaters] | None = None
     for sheet in order.only:
@@ -60,8 +59,12 @@ def run(order: SheetOrder) -> dict[str, Any]:
             floaters = _floaters(avatar, order)
         elif sheet == "motion":
             assert order.motion is not None
+            among = artists + others
             page = pages.motion_page(avatar.person, len(among), order.motion, order.frames)
             _draw(order, sheet, page, among, f"{Path(order.motion.path).name} · ")
+        elif sheet == "close":
+            assert captured is not None
+            close = _close_ups(order, captured, fitted, others + artists)
         elif captured is not None and sheet in captured.rigs:
             rig = captured.rigs[sheet]
             mesh = [mesh_artist(captured, rig, fitted)] if order.mesh else []
@@ -78,6 +81,7 @@ def run(order: SheetOrder) -> dict[str, Any]:
         "truth": order.truth,
         "motion": order.motion and {"file": order.motion.path, "frames": list(order.frames)},
         "sheets": [f"{name}.jpg" for name in order.only if name != "floaters"],
+        "close": close,
         "floaters": None if floaters is None else [one.to_json() for one in floaters],
         "seconds": seconds,
     }
@@ -91,6 +95,16 @@ def _draw(order: SheetOrder, name: str, page: Page, artists: list[Artist], note:
     note += " · ".join(artist.name for artist in artists)
     write_jpeg(path, laid_out(page.heading, note, tiles, page.width))
     print(path, flush=True)
+
+
+def _close_ups(order: SheetOrder, capture: Capture, fitted: Person, avatars: list[Artist]) -> list[dict[str, Any]]:
+    """The sheet of what a capture's pictures show closely, and which pictures those are."""
+    found = close_ups(capture, fitted)
+    rigs = {one.rig: capture.rigs[one.rig] for one in found}
+    mesh = [by_rig({name: mesh_artist(capture, rig, fitted) for name, rig in rigs.items()})] if order.mesh else []
+    seen = [photograph(), *map(framed, [*mesh, *avatars])]
+    _draw(order, "close", close_page(capture, found, len(seen)), seen, f"{Path(capture.path).name} · ")
+    return [one.to_json(capture) for one in found]
 
 
 def _floaters(avatar: Avatar, order: SheetOrder) -> list[Floaters]:
@@ -114,6 +128,14 @@ def _avatar_artists(name: str, avatar: Avatar, order: SheetOrder) -> list[Artist
     """One for each level."""
 
     return [drawer_artist(drawer.name, drawer) for drawer in by_level(name, avatar, order.levels, order.samples)]
+
+
+def _others(name: str, order: SheetOrder) -> list[Artist]:
+    """Those of a second avatar, which is not called as the first one is."""
+    if not order.other:
+        return []
+    other = _name(order.other)
+    return _avatar_artists(other if other != name else f"{other} (2)", load_avatar(order.other), order)
 
 
 def _truth_artist(subject: str) -> Artist:
