@@ -81,17 +81,18 @@ PLACES: Mapping[str, Place] = {
     "left eye": Place(0.08, (Spot(("left_eye",)),)),
     "right eye": Place(0.08, (Spot(("right_eye",)),)),
     "mouth": Place(0.1, (Spot(EYES, shift=(0, -0.065, 0)),), open=True),
-    "ear": _either(0.12, Spot(("head",), 90, shift=(0, 0.02, 0))),
+    "ear": _either(0.12, Spot(EYES, 90, shift=(0, -0.015, -0.085))),
     "hairline": _either(0.14, Spot(EYES, 45, shift=(0, 0.05, 0))),
     "back of the head": Place(0.3, (Spot(EYES, 180),)),
-    "armpit": _either(0.25, Spot(("left_shoulder",), 0, -45)),
+    "armpit": _either(0.25, Spot(("left_shoulder",), 45, -60, shift=(0.03, 0, 0))),
     "inner elbow": _either(0.22, Spot(("left_elbow",))),
     "back of the hand": _either(0.22, Spot(("left_middle1",), 0, 90)),
     "palm": _either(0.22, Spot(("left_middle1",), 0, -90)),
     "crotch": Place(0.3, (Spot(("pelvis",), shift=(0, -0.08, 0)),)),
     "back of the knee": _either(0.25, Spot(("left_knee",), 180)),
-    "foot": _either(0.3, Spot(("left_foot",), 0, 45)),
-    "sole": _either(0.3, Spot(("left_foot",), 0, -90)),
+    "foot": _either(0.25, Spot(("left_foot",), 0, 30)),
+    "heel": _either(0.25, Spot(("left_ankle",), 180)),
+    "sole": _either(0.25, Spot(("left_foot",), 0, -90)),
 }
 MOUTH = (Spot(EYES, shift=(0, -0.05, 0)), Spot(EYES, shift=(0, -0.1, 0)))
 """Above the lips and on the chin: how far they are apart tells how open the mouth is."""
