@@ -94,8 +94,8 @@ PLACES: Mapping[str, Place] = {
     "heel": _either(0.25, Spot(("left_ankle",), 180)),
     "sole": _either(0.25, Spot(("left_foot",), 0, -90)),
 }
-MOUTH = (Spot(EYES, shift=(0, -0.05, 0)), Spot(EYES, shift=(0, -0.1, 0)))
-"""Above the lips and on the chin: how far they are apart tells how open the mouth is."""
+LIPS = (Spot(EYES, shift=(0, -0.055, 0)), Spot(EYES, shift=(0, -0.075, 0)))
+"""How far they are apart tells how open the mouth is; a chin goes down with a jaw whose lips stay shut, too."""
 
 
 @dataclass(frozen=True)
@@ -167,7 +167,7 @@ class Search:
         self.capture, self.person = capture, person
         self.pictures = [(rig, *picture) for rig in capture.rigs.values() for picture in _some_pictures(rig)]
         self.surface = cache(self._surface)
-        lips = [Patch.of(person, spot, 0.0) for spot in MOUTH]
+        lips = [Patch.of(person, spot, 0.0) for spot in LIPS]
         self.lips = [patch for patch in lips if patch is not None]
 
     def best(self, name: str) -> CloseUp | None:
@@ -209,7 +209,7 @@ class Search:
         return float(depth[LATTICE // 2, LATTICE // 2])
 
     def _opening(self, one: CloseUp) -> float:
-        """Metres between lip and chin; 0 where the template has none."""
+        """Metres between the lips; 0 where the template has none."""
         points = [patch.point(self.surface(one.rig, one.frame)) for patch in self.lips]
         return float(np.linalg.norm(points[0] - points[-1])) if points else 0.0
 
