@@ -9,7 +9,7 @@ from avatarrex_studio.cli import options
 from avatarrex_studio.cli.motion_options import KINDS
 from avatarrex_studio.cli.output import output_folder, write_json
 from avatarrex_studio.session.motion import Motion
-from avatarrex_studio.sheets.order import BY_NAME, COLUMNS, MOST, SHEETS, TRUTHS, SheetOrder
+from avatarrex_studio.sheets.order import COLUMNS, MOST, SHEETS, TRUTHS, SheetOrder
 
 from avatarrex.capture.readers import choice
 from avatarrex.errors import InputError
@@ -40,7 +40,7 @@ def add_options(verb: argparse.ArgumentParser) -> None:
     add("--motion", metavar="FILE", help=f"motion.jpg: frames of {KINDS}")
     add("--other", metavar="AVATAR2", help="a second avatar, in the motion and close-ups")
     add("--frames", metavar="A:B:S", help=f"frames of the motion ({COLUMNS}, evenly spaced)")
-    add("--only", metavar="NAMES", help=f"some of {','.join(SHEETS)} (all but {BY_NAME})")
+    add("--only", metavar="NAMES", help=f"some of {','.join(SHEETS)} (all)")
     options.add_levels(verb)
     add("--samples", default="2", metavar="N", help="samples averaged along each side of a pixel (2)")
 
@@ -70,27 +70,26 @@ def read_order(arguments: Namespace) -> SheetOrder:
     only = _only(arguments, captured)
     if motion is None:
         options.refuse_without_motion(arguments, "frames")
-    if arguments.other is not None and motion is None and "close" not in only:
-        raise InputError("--other", "", "--motion FILE or --only close with it", "neither")
+    if arguments.other is not None and motion is None and not captured:
+        raise InputError("--other", "", "--motion FILE or --truth CAPTURE with it", "neither")
     frames = _frames(arguments.frames, motion) if motion else ()
     out = output_folder(arguments.out, "sheet.json")
-    drawn = tuple(name for name in SHEETS if name in only and (motion or name != "motion"))
     truth = TRUTHS.get(arguments.truth, arguments.truth)
     return SheetOrder(
-        arguments.avatar, out, drawn, truth, arguments.mesh, arguments.other, motion, frames, samples, levels
+        arguments.avatar, out, only, truth, arguments.mesh, arguments.other, motion, frames, samples, levels
     )
 
 
 def _only(arguments: Namespace, captured: bool) -> tuple[str, ...]:
-    """The sheets that are named, or all but `BY_NAME`."""
-    if not arguments.only:
-        return tuple(name for name in SHEETS if name != BY_NAME)
-    only = options.some_of("--only", arguments.only, SHEETS)
-    if "motion" in only and arguments.motion is None:
+    """The sheets that are named, or all for which there is what they show; in their order."""
+    named = options.some_of("--only", arguments.only, SHEETS) if arguments.only else ()
+    left_out = {"motion"} if arguments.motion is None else set()
+    left_out |= set() if captured else {"close"}
+    if "motion" in left_out.intersection(named):
         raise InputError("--only", "motion", "--motion FILE with it", "no motion")
-    if "close" in only and not captured:
+    if "close" in left_out.intersection(named):
         raise InputError("--only", "close", "--truth CAPTURE with it", arguments.truth or "no truth")
-    return only
+    return tuple(name for name in SHEETS if name in (named or SHEETS) and name not in left_out)
 
 
 def _frames(text: str | None, motion: Motion) -> tuple[int, ...]:

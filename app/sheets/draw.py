@@ -6,6 +6,7 @@ Every sheet appears whole or not at all, as soon as it is drawn.
 from __future__ import annotations
 
 import time
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -20,14 +21,13 @@ from tqdm import tqdm
 
 from avatarrex.avatar import Avatar
 from avatarrex.avatar_file import load_avatar
-from avatarrex.capture.readers.rigs import Capture, open_capture
+from avatarrex.capture.readers.rigs import open_capture
 from avatarrex.capture.readers.splits import with_validation
 from avatarrex.errors import InputError
 from avatarrex.gl.context import NoContext
 from avatarrex.metrics.drawing import by_level
 from avatarrex.metrics.floaters import SILHOUETTE_PIXELS, Floaters, find_floaters
 from avatarrex.metrics.own_training import as_trained
-from avatarrex.templates.person import Person
 
 FORMAT = 1
 PAGES = {"body": pages.body_page, "face": pages.face_page, "hands": pages.hands_page}
@@ -45,10 +45,7 @@ def run(order: SheetOrder) -> dict[str, Any]:
         if order.truth in TRUTHS.values():
             artists.insert(0, _truth_artist(order.truth))
         else:
-            captured, own = as_trained(
-                avatar, order.avatar, with_validation(open_capture(order.truth, template=avatar.person.name))
-            )
-            fitted = avatar.person if own else captured.person
+            captured = _Captured(order, avatar)
     others = _others(name, order)
     close: list[dict[str, Any]] = []
     seconds: dict[str, float] = {}
@@ -64,12 +61,9 @@ def run(order: SheetOrder) -> dict[str, Any]:
             _draw(order, sheet, page, among, f"{Path(order.motion.path).name} · ")
         elif sheet == "close":
             assert captured is not None
-            close = _close_ups(order, captured, fitted, others + artists)
-        elif captured is not None and sheet in captured.rigs:
-            rig = captured.rigs[sheet]
-            mesh = [mesh_artist(captured, rig, fitted)] if order.mesh else []
-            seen = [photograph(), *map(framed, [*mesh, *artists])]
-            _draw(order, sheet, captured_page(captured, rig, len(seen)), seen, f"{Path(captured.path).name} · ")
+            close = captured.draw_close_ups(others + artists)
+        elif captured is not None and sheet in captured.capture.rigs:
+            captured.draw_rig(sheet, artists)
         else:
             _draw(order, sheet, PAGES[sheet](avatar.person, len(artists)), artists)
         seconds[sheet] = round(time.perf_counter() - start, 1)
@@ -87,6 +81,40 @@ def run(order: SheetOrder) -> dict[str, Any]:
     }
 
 
+class _Captured:
+    """The sheets of a capture's own pictures, as the avatar's training split them; each rig's mesh is painted once."""
+
+    def __init__(self, order: SheetOrder, avatar: Avatar) -> None:
+        capture = with_validation(open_capture(str(order.truth), template=avatar.person.name))
+        self.order = order
+        self.capture, own = as_trained(avatar, order.avatar, capture)
+        self.person = avatar.person if own else self.capture.person
+        self.mesh = cache(self._mesh)
+
+    def draw_rig(self, rig: str, avatars: list[Artist]) -> None:
+        """What its cameras see of the person."""
+        seen = self._beside([rig], avatars)
+        self._draw(rig, captured_page(self.capture, self.capture.rigs[rig], len(seen)), seen)
+
+    def draw_close_ups(self, avatars: list[Artist]) -> list[dict[str, Any]]:
+        """Returns which pictures they are."""
+        found = close_ups(self.capture, self.person)
+        seen = self._beside([one.rig for one in found], avatars)
+        self._draw("close", close_page(self.capture, found, len(seen)), seen)
+        return [one.to_json(self.capture) for one in found]
+
+    def _beside(self, rigs: list[str], avatars: list[Artist]) -> list[Artist]:
+        """The photograph, the mesh as `rigs` saw it where it is wanted, and the avatars."""
+        mesh = [by_rig({rig: self.mesh(rig) for rig in rigs})] if self.order.mesh else []
+        return [photograph(), *map(framed, mesh + avatars)]
+
+    def _mesh(self, rig: str) -> Artist:
+        return mesh_artist(self.capture, self.capture.rigs[rig], self.person)
+
+    def _draw(self, name: str, page: Page, artists: list[Artist]) -> None:
+        _draw(self.order, name, page, artists, f"{Path(self.capture.path).name} · ")
+
+
 def _draw(order: SheetOrder, name: str, page: Page, artists: list[Artist], note: str = "") -> None:
     """One sheet, written and named."""
     with tqdm(total=page.pictures, desc=name, unit="picture") as bar:
@@ -95,16 +123,6 @@ def _draw(order: SheetOrder, name: str, page: Page, artists: list[Artist], note:
     note += " · ".join(artist.name for artist in artists)
     write_jpeg(path, laid_out(page.heading, note, tiles, page.width))
     print(path, flush=True)
-
-
-def _close_ups(order: SheetOrder, capture: Capture, fitted: Person, avatars: list[Artist]) -> list[dict[str, Any]]:
-    """The sheet of what a capture's pictures show closely, and which pictures those are."""
-    found = close_ups(capture, fitted)
-    rigs = {one.rig: capture.rigs[one.rig] for one in found}
-    mesh = [by_rig({name: mesh_artist(capture, rig, fitted) for name, rig in rigs.items()})] if order.mesh else []
-    seen = [photograph(), *map(framed, [*mesh, *avatars])]
-    _draw(order, "close", close_page(capture, found, len(seen)), seen, f"{Path(capture.path).name} · ")
-    return [one.to_json(capture) for one in found]
 
 
 def _floaters(avatar: Avatar, order: SheetOrder) -> list[Floaters]:

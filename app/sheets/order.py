@@ -9,8 +9,6 @@ from avatarrex_studio.session.motion import Motion
 
 SHEETS = ("body", "face", "hands", "motion", "close", "floaters")
 """In their order; `floaters` is a list, the others are pictures."""
-BY_NAME = "close"
-"""Drawn only where `--only` names it: it takes long."""
 COLUMNS, MOST = 8, 24
 """Frames of a motion in one band of its sheet, and unless others are named; and the most that a sheet has room for."""
 TRUTHS = {"subject": "default", "loose": "loose"}

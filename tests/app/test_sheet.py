@@ -305,7 +305,7 @@ def test_frames_unless_named():
     arguments = cli.parse(["sheet", "default", "/tmp/nowhere"])
     assert read_order(arguments).only == ("body", "face", "hands", "floaters"), "no motion sheet without a motion"
     arguments = cli.parse(["sheet", "default", "/tmp/nowhere", "--truth", __file__])
-    assert "close" not in read_order(arguments).only, "only by name"
+    assert read_order(arguments).only == ("body", "face", "hands", "close", "floaters"), "close-ups of a capture"
 
 
 @pytest.mark.parametrize("count", [1, 3, 8, 13, 500])
@@ -329,7 +329,7 @@ REFUSED = {
     "default {out} --mesh --truth loose": "--mesh: expected --truth CAPTURE with it, found loose",
     "default {out} --only body,feet": "--only: expected some of body,face,hands,motion,close,floaters, found feet",
     "default {out} --only motion": "--only: motion: expected --motion FILE with it",
-    "default {out} --other default": "--other: expected --motion FILE or --only close with it, found neither",
+    "default {out} --other default": "--other: expected --motion FILE or --truth CAPTURE with it, found neither",
     "default {out} --only close": "--only: close: expected --truth CAPTURE with it, found no truth",
     "default {out} --only close --truth loose": "--only: close: expected --truth CAPTURE with it, found loose",
     "default {out} --frames 0:4": "--frames: expected --motion FILE with it, found no motion",
