@@ -123,13 +123,16 @@ def test_boxes_are_about_their_places(capture, found):
 
 
 def test_truth_mesh_other_avatar(monkeypatch, path, tmp_path):
-    """Columns in their order, all of one scene; pictures enlarged alike; the report says which pictures they are."""
-    seen = []
+    """Columns in their order, all of one scene; pictures enlarged alike; one mesh for all pages; the report says which pictures they are."""
+    seen, painted = [], []
     monkeypatch.setattr(draw, "_draw", lambda order, name, page, artists, note="": seen.append((name, page, artists)))
-    monkeypatch.setattr(draw, "mesh_artist", lambda *_: Artist("fitted mesh", lambda scene: scene.picture))
-    words = ["--truth", str(path), "--mesh", "--other", "default", "--only", "close"]
+    mesh = Artist("fitted mesh", lambda scene: scene.picture)
+    monkeypatch.setattr(draw, "mesh_artist", lambda capture, rig, person: painted.append(rig.name) or mesh)
+    words = ["--truth", str(path), "--mesh", "--other", "default", "--only", "body,close"]
     assert cli.main(["sheet", "default", str(tmp_path / "out"), *words]) == 0
-    ((name, page, artists),) = seen
+    (_, _, on_body), (name, page, artists) = seen
+    assert painted == ["body"]
+    assert [artist.name for artist in on_body] == ["ground truth", "fitted mesh", "default avatar"]
     assert name == "close"
     assert [artist.name for artist in artists] == [
         "ground truth",
@@ -143,7 +146,7 @@ def test_truth_mesh_other_avatar(monkeypatch, path, tmp_path):
     tiles = [tile for row in drawn(page, [artists[0]] * 4) for group in row for tile in group]
     assert {tile.picture.shape for tile in tiles} == {(page.tile, page.tile, 3)}
     report = json.loads((tmp_path / "out" / "sheet.json").read_text())
-    assert report["sheets"] == ["close.jpg"]
+    assert report["sheets"] == ["body.jpg", "close.jpg"]
     shown = {one["place"]: one for one in report["close"]}
     assert list(shown) == [scene.label for ((_, scene), *_) in groups]
     angle = shown["back of the knee"].pop("degrees")
