@@ -23,7 +23,11 @@ def add_options(verb: argparse.ArgumentParser) -> None:
     """The avatar, which sheets, and where they go."""
     add = verb.add_argument
     add("avatar", help="name, folder or .avatar file")
-    add("out", metavar="OUT_DIR", help="a folder for body.jpg, face.jpg, hands.jpg, motion.jpg and sheet.json")
+    add(
+        "out",
+        metavar="OUT_DIR",
+        help="a folder for body.jpg, face.jpg, hands.jpg, motion.jpg, close.jpg and sheet.json",
+    )
     words = "ground truth beside every picture: " + ", ".join(TRUTHS)
     add(
         "--truth",
@@ -34,7 +38,7 @@ def add_options(verb: argparse.ArgumentParser) -> None:
         "--mesh", action="store_true", help="with --truth CAPTURE: the textured mesh with its skin fitted, between them"
     )
     add("--motion", metavar="FILE", help=f"motion.jpg: frames of {KINDS}")
-    add("--other", metavar="AVATAR2", help="a second avatar that follows the same motion")
+    add("--other", metavar="AVATAR2", help="a second avatar, in the motion and close-ups")
     add("--frames", metavar="A:B:S", help=f"frames of the motion ({COLUMNS}, evenly spaced)")
     add("--only", metavar="NAMES", help=f"some of {','.join(SHEETS)} (all)")
     options.add_levels(verb)
@@ -57,25 +61,35 @@ def read_order(arguments: Namespace) -> SheetOrder:
         options.avatar(avatar)
     if arguments.truth is not None and arguments.truth not in TRUTHS and what_is(arguments.truth) == "nothing there":
         raise InputError("--truth", "", ", ".join([*TRUTHS, "or a capture, a folder or a .zip file"]), arguments.truth)
-    if arguments.mesh and (arguments.truth is None or arguments.truth in TRUTHS):
+    captured = arguments.truth is not None and arguments.truth not in TRUTHS
+    if arguments.mesh and not captured:
         raise InputError("--mesh", "", "--truth CAPTURE with it", arguments.truth or "no truth")
     samples = options.whole("--samples", arguments.samples, 1, MOST_SAMPLES, f"1 to {MOST_SAMPLES}")
     levels = options.levels(arguments.levels)
-    only = options.some_of("--only", arguments.only, SHEETS) if arguments.only else SHEETS
-    motion = None
-    if arguments.motion is None:
-        options.refuse_without_motion(arguments, "other", "frames")
-        if arguments.only and "motion" in only:
-            raise InputError("--only", "motion", "--motion FILE with it", "no motion")
-    else:
-        motion = Motion.read(arguments.motion)
+    motion = Motion.read(arguments.motion) if arguments.motion is not None else None
+    only = _only(arguments, captured)
+    if motion is None:
+        options.refuse_without_motion(arguments, "frames")
+    if arguments.other is not None and motion is None and not captured:
+        raise InputError("--other", "", "--motion FILE or --truth CAPTURE with it", "neither")
     frames = _frames(arguments.frames, motion) if motion else ()
     out = output_folder(arguments.out, "sheet.json")
-    drawn = tuple(name for name in SHEETS if name in only and (motion or name != "motion"))
     truth = TRUTHS.get(arguments.truth, arguments.truth)
     return SheetOrder(
-        arguments.avatar, out, drawn, truth, arguments.mesh, arguments.other, motion, frames, samples, levels
+        arguments.avatar, out, only, truth, arguments.mesh, arguments.other, motion, frames, samples, levels
     )
+
+
+def _only(arguments: Namespace, captured: bool) -> tuple[str, ...]:
+    """The sheets that are named, or all for which there is what they show; in their order."""
+    named = options.some_of("--only", arguments.only, SHEETS) if arguments.only else ()
+    left_out = {"motion"} if arguments.motion is None else set()
+    left_out |= set() if captured else {"close"}
+    if "motion" in left_out.intersection(named):
+        raise InputError("--only", "motion", "--motion FILE with it", "no motion")
+    if "close" in left_out.intersection(named):
+        raise InputError("--only", "close", "--truth CAPTURE with it", arguments.truth or "no truth")
+    return tuple(name for name in SHEETS if name in (named or SHEETS) and name not in left_out)
 
 
 def _frames(text: str | None, motion: Motion) -> tuple[int, ...]:

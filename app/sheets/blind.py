@@ -15,16 +15,15 @@ import numpy as np
 from avatarrex_studio.sheets.captured import (
     Box,
     CapturedScene,
-    captured_scene,
     drawer_artist,
     framed,
+    in_own_pixels,
     mesh_artist,
     person_box,
     photograph,
 )
 from avatarrex_studio.sheets.pages import Artist
-from avatarrex_studio.sheets.paper import Tile, laid_out, over, sheet_width
-from PIL import Image
+from avatarrex_studio.sheets.paper import Tile, enlarged, laid_out, over, sheet_width
 from tqdm import tqdm
 
 from avatarrex.avatar import Avatar
@@ -146,9 +145,7 @@ def scene_of(capture: Capture, view: BlindView) -> CapturedScene:
     box = person_box(capture, rig, view.view, view.frame)
     if view.limb:
         box = _limb_box(capture, rig, view) or box
-    left, top, right, _ = (round(edge) for edge in box)
-    side = right - left
-    return captured_scene(rig, view.view, view.frame, (left, top, right, top + side), side)
+    return in_own_pixels(rig, view.view, view.frame, box)
 
 
 def tiles(number: int, scene: CapturedScene, pair: Sequence[Artist], avatar_first: bool) -> list[Tile]:
@@ -156,11 +153,7 @@ def tiles(number: int, scene: CapturedScene, pair: Sequence[Artist], avatar_firs
     drawn: Mapping[str, Artist] = dict(
         zip(("truth", "A", "B"), (photograph(), *(pair if avatar_first else pair[::-1])))
     )
-    return [Tile(_enlarged(over(artist.draw(scene))), f"{number}: {name}") for name, artist in drawn.items()]
-
-
-def _enlarged(picture: np.ndarray) -> np.ndarray:
-    return np.asarray(Image.fromarray(picture).resize((TILE, TILE), Image.Resampling.BICUBIC))
+    return [Tile(enlarged(over(artist.draw(scene)), TILE), f"{number}: {name}") for name, artist in drawn.items()]
 
 
 def _limb_box(capture: Capture, rig: Rig, view: BlindView) -> Box | None:

@@ -35,15 +35,19 @@ class CapturedScene(Scene):
 def captured_page(capture: Capture, rig: Rig, artists: int) -> Page:
     """Held-out frames where there are any, from all sides; truth is the first of `artists`."""
     side = tile_width(ACROSS, artists, WIDTH)
-    pairs = [
-        (view, frame) for frame in range(rig.frames) for view in range(len(rig.views)) if rig.available(view, frame)
-    ]
-    chosen = [pair for pair in pairs if pair[1] in rig.held_out_frames] or pairs
+    chosen = shown_pictures(rig)
     pictures = [chosen[place] for place in compared_frames(len(chosen), SHOWN)]
     scenes = [captured_scene(rig, *picture, person_box(capture, rig, *picture), side) for picture in pictures]
     groups: list[Group] = [[(who, scene) for who in range(artists)] for scene in scenes]
     rows = [groups[k : k + ACROSS] for k in range(0, len(groups), ACROSS)]
     return Page(f"{rig.name.capitalize()}, as captured", rows)
+
+
+def shown_pictures(rig: Rig) -> list[tuple[int, int]]:
+    """(view, frame) of held-out frames by all cameras; of all frames where none is held out."""
+    every = ((view, frame) for frame in range(rig.frames) for view in range(len(rig.views)))
+    pairs = [pair for pair in every if rig.available(*pair)]
+    return [pair for pair in pairs if pair[1] in rig.held_out_frames] or pairs
 
 
 def photograph() -> Artist:
@@ -81,6 +85,13 @@ def person_box(capture: Capture, rig: Rig, view: int, frame: int) -> Box:
     """The square about the person in a picture, pixels."""
     vertices = template_surface(capture.person, rig.signals[frame])[0]
     return box_about(rig.matte(view, frame), vertices, rig.views[view].camera)
+
+
+def in_own_pixels(rig: Rig, view: int, frame: int, box: Box) -> CapturedScene:
+    """The part `box` of a picture, its edges rounded, a pixel for each of the photograph's."""
+    left, top, right, _ = (round(edge) for edge in box)
+    side = right - left
+    return captured_scene(rig, view, frame, (left, top, right, top + side), side)
 
 
 def captured_scene(rig: Rig, view: int, frame: int, box: Box, side: int) -> CapturedScene:

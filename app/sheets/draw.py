@@ -6,12 +6,14 @@ Every sheet appears whole or not at all, as soon as it is drawn.
 from __future__ import annotations
 
 import time
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 from avatarrex_studio.session.evaluation import motion_over
 from avatarrex_studio.sheets import pages
 from avatarrex_studio.sheets.captured import captured_page, drawer_artist, framed, mesh_artist, photograph
+from avatarrex_studio.sheets.close_ups import by_rig, close_page, close_ups
 from avatarrex_studio.sheets.order import TRUTHS, SheetOrder
 from avatarrex_studio.sheets.pages import Artist, Page
 from avatarrex_studio.sheets.paper import laid_out, write_jpeg
@@ -43,15 +45,9 @@ def run(order: SheetOrder) -> dict[str, Any]:
         if order.truth in TRUTHS.values():
             artists.insert(0, _truth_artist(order.truth))
         else:
-            captured, own = as_trained(
-                avatar, order.avatar, with_validation(open_capture(order.truth, template=avatar.person.name))
-            )
-            fitted = avatar.person if own else captured.person
-    among = list(artists)
-    if order.other:
-        other = _name(order.other)
-        label = other if other != name else f"{other} (2)"
-        among += _avatar_artists(label, load_avatar(order.other), order)
+            captured = _Captured(order, avatar)
+    others = _others(name, order)
+    close: list[dict[str, Any]] = []
     seconds: dict[str, float] = {}
     floaters: list[Floaters] | None = None
     for sheet in order.only:
@@ -60,13 +56,14 @@ def run(order: SheetOrder) -> dict[str, Any]:
             floaters = _floaters(avatar, order)
         elif sheet == "motion":
             assert order.motion is not None
+            among = artists + others
             page = pages.motion_page(avatar.person, len(among), order.motion, order.frames)
             _draw(order, sheet, page, among, f"{Path(order.motion.path).name} · ")
-        elif captured is not None and sheet in captured.rigs:
-            rig = captured.rigs[sheet]
-            mesh = [mesh_artist(captured, rig, fitted)] if order.mesh else []
-            seen = [photograph(), *map(framed, [*mesh, *artists])]
-            _draw(order, sheet, captured_page(captured, rig, len(seen)), seen, f"{Path(captured.path).name} · ")
+        elif sheet == "close":
+            assert captured is not None
+            close = captured.draw_close_ups(others + artists)
+        elif captured is not None and sheet in captured.capture.rigs:
+            captured.draw_rig(sheet, artists)
         else:
             _draw(order, sheet, PAGES[sheet](avatar.person, len(artists)), artists)
         seconds[sheet] = round(time.perf_counter() - start, 1)
@@ -78,9 +75,44 @@ def run(order: SheetOrder) -> dict[str, Any]:
         "truth": order.truth,
         "motion": order.motion and {"file": order.motion.path, "frames": list(order.frames)},
         "sheets": [f"{name}.jpg" for name in order.only if name != "floaters"],
+        "close": close,
         "floaters": None if floaters is None else [one.to_json() for one in floaters],
         "seconds": seconds,
     }
+
+
+class _Captured:
+    """The sheets of a capture's own pictures, as the avatar's training split them; each rig's mesh is painted once."""
+
+    def __init__(self, order: SheetOrder, avatar: Avatar) -> None:
+        capture = with_validation(open_capture(str(order.truth), template=avatar.person.name))
+        self.order = order
+        self.capture, own = as_trained(avatar, order.avatar, capture)
+        self.person = avatar.person if own else self.capture.person
+        self.mesh = cache(self._mesh)
+
+    def draw_rig(self, rig: str, avatars: list[Artist]) -> None:
+        """What its cameras see of the person."""
+        seen = self._beside([rig], avatars)
+        self._draw(rig, captured_page(self.capture, self.capture.rigs[rig], len(seen)), seen)
+
+    def draw_close_ups(self, avatars: list[Artist]) -> list[dict[str, Any]]:
+        """Returns which pictures they are."""
+        found = close_ups(self.capture, self.person)
+        seen = self._beside([one.rig for one in found], avatars)
+        self._draw("close", close_page(self.capture, found, len(seen)), seen)
+        return [one.to_json(self.capture) for one in found]
+
+    def _beside(self, rigs: list[str], avatars: list[Artist]) -> list[Artist]:
+        """The photograph, the mesh as `rigs` saw it where it is wanted, and the avatars."""
+        mesh = [by_rig({rig: self.mesh(rig) for rig in rigs})] if self.order.mesh else []
+        return [photograph(), *map(framed, mesh + avatars)]
+
+    def _mesh(self, rig: str) -> Artist:
+        return mesh_artist(self.capture, self.capture.rigs[rig], self.person)
+
+    def _draw(self, name: str, page: Page, artists: list[Artist]) -> None:
+        _draw(self.order, name, page, artists, f"{Path(self.capture.path).name} · ")
 
 
 def _draw(order: SheetOrder, name: str, page: Page, artists: list[Artist], note: str = "") -> None:
@@ -114,6 +146,14 @@ def _avatar_artists(name: str, avatar: Avatar, order: SheetOrder) -> list[Artist
     """One for each level."""
 
     return [drawer_artist(drawer.name, drawer) for drawer in by_level(name, avatar, order.levels, order.samples)]
+
+
+def _others(name: str, order: SheetOrder) -> list[Artist]:
+    """Those of a second avatar, which is not called as the first one is."""
+    if not order.other:
+        return []
+    other = _name(order.other)
+    return _avatar_artists(other if other != name else f"{other} (2)", load_avatar(order.other), order)
 
 
 def _truth_artist(subject: str) -> Artist:

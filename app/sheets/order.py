@@ -7,7 +7,7 @@ from pathlib import Path
 
 from avatarrex_studio.session.motion import Motion
 
-SHEETS = ("body", "face", "hands", "motion", "floaters")
+SHEETS = ("body", "face", "hands", "motion", "close", "floaters")
 """In their order; `floaters` is a list, the others are pictures."""
 COLUMNS, MOST = 8, 24
 """Frames of a motion in one band of its sheet, and unless others are named; and the most that a sheet has room for."""
@@ -22,12 +22,13 @@ class SheetOrder:
     avatar: str
     out: Path
     only: tuple[str, ...]
-    """Of `SHEETS`, in their order; `motion` only where there is one."""
+    """Of `SHEETS`, in their order; `motion` only where there is one, `close` only with a capture."""
     truth: str | None
     """The name of a packaged subject, or the path of a capture."""
     mesh: bool
     """Whether the fitted textured mesh is drawn, too, on pages of a capture's pictures."""
     other: str | None
+    """A second avatar, of motions and close-ups."""
     motion: Motion | None
     frames: tuple[int, ...]
     samples: int

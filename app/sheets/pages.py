@@ -17,7 +17,7 @@ from avatarrex_studio.session.motion import Motion
 from avatarrex_studio.session.state import OrbitView
 from avatarrex_studio.session.timeline import BODY
 from avatarrex_studio.sheets.order import COLUMNS
-from avatarrex_studio.sheets.paper import Tile, over, sheet_width, tile_width
+from avatarrex_studio.sheets.paper import Tile, enlarged, over, sheet_width, tile_width
 from scipy.spatial.transform import Rotation
 from torch import Tensor
 
@@ -82,6 +82,8 @@ class Page:
     heading: str
     rows: list[list[Group]]
     width: int = WIDTH
+    tile: int | None = None
+    """Pixels to a side to which square pictures are enlarged; None where they are shown as drawn."""
 
     @property
     def pictures(self) -> int:
@@ -103,6 +105,7 @@ def drawn(page: Page, artists: Sequence[Artist], done: Callable[[], object] = la
 
     def tile(who: int, scene: Scene) -> Tile:
         picture = over(artists[who].draw(scene))
+        picture = picture if page.tile is None else enlarged(picture, page.tile)
         done()
         return Tile(picture, scene.label, artists[who].name if len(artists) > 1 else "")
 

@@ -50,6 +50,11 @@ def over(image: np.ndarray) -> UInt8[np.ndarray, "h w 3"]:
     return np.asarray(np.rint(np.clip(pixels, 0, 255)).astype(np.uint8))
 
 
+def enlarged(picture: UInt8[np.ndarray, "h w 3"], side: int) -> UInt8[np.ndarray, "side side 3"]:
+    """A square picture with `side` pixels to a side, cubic between those that it has."""
+    return np.asarray(Image.fromarray(picture).resize((side, side), Image.Resampling.BICUBIC))
+
+
 def laid_out(heading: str, note: str, rows: list[list[Group]], width: int) -> Image.Image:
     """The sheet, `width` wide; a row is as high as its tallest tile."""
     heights = [max(len(tile.picture) for group in row for tile in group) for row in rows]

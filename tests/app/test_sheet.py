@@ -304,6 +304,8 @@ def test_the_capture_of_a_sheet_is_its_truth(monkeypatch, capture, tmp_path):
 def test_frames_unless_named():
     arguments = cli.parse(["sheet", "default", "/tmp/nowhere"])
     assert read_order(arguments).only == ("body", "face", "hands", "floaters"), "no motion sheet without a motion"
+    arguments = cli.parse(["sheet", "default", "/tmp/nowhere", "--truth", __file__])
+    assert read_order(arguments).only == ("body", "face", "hands", "close", "floaters"), "close-ups of a capture"
 
 
 @pytest.mark.parametrize("count", [1, 3, 8, 13, 500])
@@ -325,9 +327,11 @@ REFUSED = {
     "default {out} --truth photograph": "--truth: expected subject, loose, or a capture, a folder or a .zip file, found photograph",
     "default {out} --mesh": "--mesh: expected --truth CAPTURE with it, found no truth",
     "default {out} --mesh --truth loose": "--mesh: expected --truth CAPTURE with it, found loose",
-    "default {out} --only body,feet": "--only: expected some of body,face,hands,motion,floaters, found feet",
+    "default {out} --only body,feet": "--only: expected some of body,face,hands,motion,close,floaters, found feet",
     "default {out} --only motion": "--only: motion: expected --motion FILE with it",
-    "default {out} --other default": "--other: expected --motion FILE with it, found no motion",
+    "default {out} --other default": "--other: expected --motion FILE or --truth CAPTURE with it, found neither",
+    "default {out} --only close": "--only: close: expected --truth CAPTURE with it, found no truth",
+    "default {out} --only close --truth loose": "--only: close: expected --truth CAPTURE with it, found loose",
     "default {out} --frames 0:4": "--frames: expected --motion FILE with it, found no motion",
     "default {out} --motion {out}.bvh": "out.bvh: expected a motion file, found nothing there",
     "default {out} --motion {file}": "flat: expected a motion file: .bvh",

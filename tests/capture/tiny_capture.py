@@ -65,10 +65,11 @@ class TinyCapture:
         shape = np.zeros(10) if person else rng.standard_normal(10)
         capture = cls(motion(rng, shape))
         for rig in rigs:
-            capture._add(rig, person or load_person(), person is None, scale)
+            capture.add(rig, person or load_person(), person is None, scale)
         return capture
 
-    def _add(self, rig: str, person: Person, own: bool, scale: int) -> None:
+    def add(self, rig: str, person: Person, own: bool, scale: int) -> None:
+        """The pictures of one rig, its cameras and parameters."""
         faces = person.body.faces.numpy()
         surfaces = [template_surface(person, signals) for signals in self.signals]
         calibration: dict[str, Any] = {}
