@@ -70,8 +70,10 @@ def read_order(arguments: Namespace) -> SheetOrder:
     only = _only(arguments, captured)
     if motion is None:
         options.refuse_without_motion(arguments, "frames")
-    if arguments.other is not None and motion is None and not captured:
-        raise InputError("--other", "", "--motion FILE or --truth CAPTURE with it", "neither")
+    if arguments.other is not None and not {"motion", "close"} & set(only):
+        raise InputError(
+            "--other", "", "--motion FILE or --truth CAPTURE with it, and the sheet motion or close", ", ".join(only)
+        )
     frames = _frames(arguments.frames, motion) if motion else ()
     out = output_folder(arguments.out, "sheet.json")
     truth = TRUTHS.get(arguments.truth, arguments.truth)

@@ -1,7 +1,7 @@
 """Close-ups of a capture's pictures where avatars fail: eyes, mouth, hairline, armpits and the like, each in the picture that shows it best.
 
-A place is a spot of the skin: what is met first by who looks at a joint of the template at rest from a direction. So any person's
-template has it. Letters: v vertices, f faces. Metres, degrees.
+A place is a spot of the skin: what is met first by who looks at a joint of the template at rest from a direction, in the template's own
+size. So any person's template has it. Letters: v vertices, f faces. Metres, degrees.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from avatarrex.capture.zbuffer import visible_faces
 from avatarrex.errors import check
 from avatarrex.metrics.evaluate import split_of
 from avatarrex.signals.joints import JOINT_NAMES
-from avatarrex.templates.person import Person
+from avatarrex.templates.person import Person, load_person
 
 MOST_FRAMES = 64
 """Of each rig that are searched, evenly spread."""
@@ -44,13 +44,13 @@ class Spot:
     """Where the skin is met first by who looks at joints of the template at rest."""
 
     joints: tuple[str, ...]
-    """Looked at is their middle,"""
+    """Their middle is looked at."""
     azimuth: float = 0.0
-    """from here: 0 the front, 90 the person's left,"""
+    """Of who looks: 0 from the front, 90 from the person's left."""
     elevation: float = 0.0
-    """and from so far above,"""
+    """Degrees above the horizon from which it is looked at."""
     shift: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """moved by this."""
+    """Added to the middle that is looked at."""
 
     @property
     def mirrored(self) -> Spot:
@@ -67,7 +67,7 @@ class Place:
     """Metres that a close-up spans."""
     spots: tuple[Spot, ...]
     """The one that is seen best is shown."""
-    open: bool = False
+    most_open: bool = False
     """Whether the most open mouth is looked for."""
 
 
@@ -80,7 +80,7 @@ EYES = ("left_eye", "right_eye")
 PLACES: Mapping[str, Place] = {
     "left eye": Place(0.08, (Spot(("left_eye",)),)),
     "right eye": Place(0.08, (Spot(("right_eye",)),)),
-    "mouth": Place(0.1, (Spot(EYES, shift=(0, -0.065, 0)),), open=True),
+    "mouth": Place(0.1, (Spot(EYES, shift=(0, -0.065, 0)),), most_open=True),
     "ear": _either(0.12, Spot(EYES, 90, shift=(0, -0.015, -0.085))),
     "hairline": _either(0.14, Spot(EYES, 45, shift=(0, 0.05, 0))),
     "back of the head": Place(0.3, (Spot(EYES, 180),)),
@@ -112,8 +112,9 @@ class Patch:
     @staticmethod
     def of(person: Person, spot: Spot, near: float) -> Patch | None:
         """With what is `near` it; None where the template has no skin there."""
-        rest, faces = person.body.v_template.double().numpy(), person.body.faces.numpy()
-        target = person.body.joint_template[[JOINT_NAMES.index(name) for name in spot.joints]].double().numpy().mean(0)
+        body = load_person(person.name).body  # the shifts are of its size; a fitted person has the same mesh
+        rest, faces = body.v_template.double().numpy(), body.faces.numpy()
+        target = body.joint_template[[JOINT_NAMES.index(name) for name in spot.joints]].double().numpy().mean(0)
         camera = Camera.orbit(spot.azimuth, spot.elevation, 3.0, 0.1, target + spot.shift, 1, 1)
         face, weights, _ = (values[0, 0] for values in visible_faces(rest, faces, camera))
         if face < 0:
@@ -176,7 +177,7 @@ class Search:
         patches = [Patch.of(self.person, spot, NEAR * place.side) for spot in place.spots]
         found = [one for patch in patches if patch is not None for one in self._candidates(name, patch)]
         best = self._first_seen(sorted(found, key=lambda one: -one.resolution))
-        if best is None or not place.open:
+        if best is None or not place.most_open:
             return best
         similar = [one for one in found if one.resolution >= SIMILAR * best.resolution]
         return self._first_seen(sorted(similar, key=lambda one: (-self._opening(one), -one.resolution)))
@@ -218,11 +219,11 @@ class Search:
         return template_surface(self.person, self.capture.rigs[rig].signals[frame])[0]
 
 
-def close_ups(capture: Capture, person: Person) -> list[CloseUp]:
-    """Of every one of `PLACES` that a picture shows, `person` being the capture's. Raises `InputError` where none is."""
+def close_ups(capture: Capture, person: Person, wanted: bool = True) -> list[CloseUp]:
+    """Of every one of `PLACES` that a picture shows, `person` being the capture's. Raises `InputError` where none is and one was `wanted`."""
     search = Search(capture, person)
     found = [one for one in map(search.best, PLACES) if one is not None]
-    check(found, capture.path, "close-ups", "a picture that shows one of " + ", ".join(PLACES), "none")
+    check(found or not wanted, capture.path, "close-ups", "a picture that shows one of " + ", ".join(PLACES), "none")
     return found
 
 
@@ -239,7 +240,7 @@ def close_page(capture: Capture, found: Sequence[CloseUp], artists: int) -> Page
 
 def by_rig(artists: Mapping[str, Artist]) -> Artist:
     """Who draws the pictures of each rig as that rig's artist does."""
-    name = next(iter(artists.values())).name
+    name = " / ".join(dict.fromkeys(artist.name for artist in artists.values()))
     return Artist(name, lambda scene: artists[scene.rig].draw(scene))
 
 

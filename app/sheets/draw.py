@@ -98,7 +98,9 @@ class _Captured:
 
     def draw_close_ups(self, avatars: list[Artist]) -> list[dict[str, Any]]:
         """Returns which pictures they are."""
-        found = close_ups(self.capture, self.person)
+        found = close_ups(self.capture, self.person, self.order.only == ("close",))
+        if not found:
+            return []
         seen = self._beside([one.rig for one in found], avatars)
         self._draw("close", close_page(self.capture, found, len(seen)), seen)
         return [one.to_json(self.capture) for one in found]

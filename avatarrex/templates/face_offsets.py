@@ -45,6 +45,8 @@ class FaceOffsets:
     """(k, e) b, unit and at right angles to each other."""
     moves: np.ndarray
     """(n, 3, k) d, metres for each unit along b."""
+    eye_joints: bool = False
+    """Whether the joint of an eye takes its ball's offset at rest along; False in the files of fits before 2026-11-27."""
 
     def __post_init__(self) -> None:
         n = len(self.vertices)
@@ -63,7 +65,8 @@ class FaceOffsets:
     def to_json(self) -> dict[str, Any]:
         """Plain lists; `from_json` gives the same back, bit for bit."""
         arrays = {name: getattr(self, name).tolist() for name in ("rest", "directions", "moves")}
-        return {"vertices": list(self.vertices), **arrays}
+        joints = {"eye_joints": True} if self.eye_joints else {}
+        return {"vertices": list(self.vertices), **arrays, **joints}
 
     @classmethod
     def from_json(cls, data: dict[str, Any]) -> FaceOffsets:
@@ -71,11 +74,14 @@ class FaceOffsets:
         vertices = data["vertices"]
         if not isinstance(vertices, list) or not all(type(vertex) is int for vertex in vertices):
             raise InputError("person fit", "face.vertices", "a list of integers", repr(vertices)[:60])
+        joints = data.get("eye_joints", False)
+        if not isinstance(joints, bool):
+            raise InputError("person fit", "face.eye_joints", "true or false", repr(joints)[:60])
         rest, moves = (np.array(data[name], dtype=np.float64) for name in ("rest", "moves"))
         directions = np.array(data["directions"], dtype=np.float64)
         if not directions.size:
             directions = np.zeros((0, 0))
-        return cls(tuple(vertices), rest, directions, moves)
+        return cls(tuple(vertices), rest, directions, moves, joints)
 
     def shapes(self, body: TemplateModel) -> tuple[np.ndarray, np.ndarray]:
         """Of every vertex of the original `body` what is added at rest (v, 3), and to its expression shapes (v, 3, e).

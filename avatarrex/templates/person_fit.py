@@ -118,8 +118,8 @@ class PersonFit:
         if self.face is not None:
             rest, own = self.face.shapes(body)
             follows, expressions = follows + rest, expressions + torch.from_numpy(own)
-            for eye in EYES:  # turns about the middle of its ball, which moves as a whole
-                if eye in body.groups:
+            for eye in EYES:
+                if self.face.eye_joints and eye in body.groups:  # it turns about the middle of its ball
                     placed[JOINT_NAMES.index(eye)] += rest[body.groups[eye]].mean(0)
         moved = torch.from_numpy(vertices + follows), torch.from_numpy(placed)
         return replace(body, v_template=moved[0], joint_template=moved[1], expression_dirs=expressions)

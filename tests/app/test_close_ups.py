@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from avatarrex_studio.cli import main as cli
 from avatarrex_studio.sheets import close_ups, draw
-from avatarrex_studio.sheets.close_ups import PLACES, Patch, Place, Spot, close_page
+from avatarrex_studio.sheets.close_ups import LIPS, PLACES, Patch, Place, Spot, close_page
 from avatarrex_studio.sheets.pages import Artist, drawn
 from capture.tiny_capture import TinyCapture
 
@@ -16,9 +16,10 @@ from avatarrex.capture.fit.check import template_surface
 from avatarrex.capture.readers.rigs import open_capture
 from avatarrex.errors import InputError
 from avatarrex.signals.driving import Signals
-from avatarrex.signals.joints import JOINT_NAMES
+from avatarrex.signals.joints import EXPRESSION_NAMES, JOINT_NAMES
 from avatarrex.signals.library import named_pose
-from avatarrex.templates.person import load_person
+from avatarrex.templates.person import load_person, resize_person
+from avatarrex.templates.person_fit import PersonFit
 
 CHEST = Place(0.3, (Spot(("spine3",), shift=(0, 0.05, 0)),))
 
@@ -166,3 +167,16 @@ def test_a_capture_that_shows_no_place(capture, monkeypatch):
     monkeypatch.setattr(close_ups, "PLACES", {"sole": PLACES["sole"]})
     with pytest.raises(InputError, match="a picture that shows one of sole"):
         close_ups.close_ups(capture, capture.person)
+    assert close_ups.close_ups(capture, capture.person, wanted=False) == []
+
+
+def test_lips_are_found_on_persons_of_any_size():
+    """A tall one's are farther below the eyes."""
+    shape = np.eye(10)[0] * 2.5
+    tall = resize_person(load_person(), PersonFit(shape, np.zeros((55, 3))))
+    for person in (load_person(), tall):
+        upper, lower = (Patch.of(person, spot, 0.0) for spot in LIPS)
+        vertices = person.body.v_template.double().numpy()
+        opened = vertices + person.body.expression_dirs[..., EXPRESSION_NAMES.index("jawOpen")].double().numpy()
+        apart = [np.linalg.norm(upper.point(v) - lower.point(v)) for v in (vertices, opened)]
+        assert apart[1] > apart[0] + 0.02

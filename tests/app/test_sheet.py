@@ -329,7 +329,7 @@ REFUSED = {
     "default {out} --mesh --truth loose": "--mesh: expected --truth CAPTURE with it, found loose",
     "default {out} --only body,feet": "--only: expected some of body,face,hands,motion,close,floaters, found feet",
     "default {out} --only motion": "--only: motion: expected --motion FILE with it",
-    "default {out} --other default": "--other: expected --motion FILE or --truth CAPTURE with it, found neither",
+    "default {out} --other default": "--other: expected --motion FILE or --truth CAPTURE with it, and the sheet motion or close",
     "default {out} --only close": "--only: close: expected --truth CAPTURE with it, found no truth",
     "default {out} --only close --truth loose": "--only: close: expected --truth CAPTURE with it, found loose",
     "default {out} --frames 0:4": "--frames: expected --motion FILE with it, found no motion",

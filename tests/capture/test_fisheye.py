@@ -226,6 +226,14 @@ def test_a_fisheye_is_one_or_not(value: str, tmp_path: Path) -> None:
         find_cameras(tmp_path)
 
 
+@pytest.mark.parametrize("value", ["True", "yes", '"true"', "2"])
+def test_a_fisheye_of_opencvs_is_one_or_not(value: str, tmp_path: Path) -> None:
+    for name, text in easymocap({"c0": camera_of(50)}).items():
+        (tmp_path / name).write_text(text.replace("fisheye_c0: 1", f"fisheye_c0: {value}"))
+    with pytest.raises(InputError, match=r"c0\.fisheye: expected true or false, found"):
+        find_cameras(tmp_path, {"c0": (1920, 1080)})
+
+
 class Bent(Clothed):
     """Filmed by fisheyes so near that the person fills a right angle."""
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -108,8 +109,9 @@ def test_an_eye_turns_about_its_own_middle() -> None:
     plain = load_person()
     eye = plain.body.groups["left_eye"]
     front = int(eye[plain.body.v_template[eye, 2].argmax()])
-    face = FaceOffsets((front,), UP[None], np.zeros((0, 52)), np.zeros((1, 3, 0)))
-    own = resize_person(load_person(), PersonFit(np.zeros(10), np.zeros((55, 3)), face=face))
+    face = FaceOffsets((front,), UP[None], np.zeros((0, 52)), np.zeros((1, 3, 0)), eye_joints=True)
+    fit = PersonFit(np.zeros(10), np.zeros((55, 3)), face=face)
+    own = resize_person(load_person(), PersonFit.from_json(fit.to_json(), "fit"))
     gaze = torch.tensor([[0.3, 0.5, 0.0], [0.0, 0.0, 0.0]])
     theirs, ours = (
         pose_face(each.face, torch.zeros(52), torch.zeros(3), gaze, torch.zeros(0)) for each in (plain, own)
@@ -119,6 +121,9 @@ def test_an_eye_turns_about_its_own_middle() -> None:
     np.testing.assert_allclose(step, np.broadcast_to(UP, step.shape), atol=1e-6)
     other = JOINT_NAMES.index("right_eye")
     assert torch.equal(own.body.joint_template[other], plain.body.joint_template[other])
+    before = resize_person(load_person(), replace(fit, face=replace(face, eye_joints=False)))
+    assert torch.equal(before.body.joint_template, plain.body.joint_template)  # a file that says nothing of it
+    assert before.hash != own.hash
 
 
 def test_weights_add_up_near_nodes_and_fade() -> None:

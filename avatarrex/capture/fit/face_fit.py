@@ -162,7 +162,7 @@ class _Field:
         rest = self.now[..., 0] - moves @ (self.directions @ self.mean)
         inner = self.behind.any(1)
         rest[inner] = self.behind[inner] @ rest
-        return FaceOffsets(self.nodes, rest, self.directions, moves)
+        return FaceOffsets(self.nodes, rest, self.directions, moves, eye_joints=True)
 
 
 class _Sums:
@@ -291,7 +291,7 @@ def _lids(body: TemplateModel, nodes: tuple[int, ...]) -> np.ndarray:
 
 
 def _behind(body: TemplateModel, nodes: tuple[int, ...]) -> np.ndarray:
-    """(n, n) of a node of teeth or tongue what the lip before it moves by, in the mean over its vertices."""
+    """(n, n) of a node of teeth or tongue what the skin about its row of teeth moves by, in the mean over vertices within `LIP`."""
     rest, found = body.v_template.double().numpy(), np.zeros((len(nodes),) * 2)
     rows = [body.of_groups([name]).numpy() for name in TEETH]
     if not all(row.any() for row in rows):
@@ -300,7 +300,8 @@ def _behind(body: TemplateModel, nodes: tuple[int, ...]) -> np.ndarray:
     away = [cKDTree(rest[row]).query(rest)[0] for row in rows]
     for names, row, near in zip((TEETH[:1], MOUTH[1:]), rows, away):
         lip = skin & (near < LIP) & (near <= np.min(away, 0)) & (rest[:, 2] > rest[row, 2].mean())
-        found[body.of_groups(names).numpy()[list(nodes)]] = weights[lip].mean(0)
+        if lip.any():
+            found[body.of_groups(names).numpy()[list(nodes)]] = weights[lip].mean(0)
     return found
 
 

@@ -269,8 +269,8 @@ def _yaml(path: Path) -> dict[str, Any]:
             ]
         elif _NUMBER.fullmatch(first):
             found[key] = float(first)
-        elif first in ("true", "false"):
-            found[key] = first == "true"
+        elif "fisheye" in key:
+            found[key] = {"true": True, "false": False}.get(first, first)
     return found
 
 
