@@ -74,7 +74,7 @@ def run(order: SheetOrder) -> dict[str, Any]:
         "other": order.other,
         "truth": order.truth,
         "motion": order.motion and {"file": order.motion.path, "frames": list(order.frames)},
-        "sheets": [f"{name}.jpg" for name in order.only if name != "floaters"],
+        "sheets": [f"{name}.jpg" for name in order.only if name != "floaters" and (name != "close" or close)],
         "close": close,
         "floaters": None if floaters is None else [one.to_json() for one in floaters],
         "seconds": seconds,

@@ -61,7 +61,7 @@ class PersonFit:
     shape: np.ndarray
     """β, (10,) standard deviations."""
     joint_offsets: np.ndarray
-    """(55, 3) metres, root frame; the pelvis stays: its row is zero."""
+    """(55, 3) metres, root frame; the pelvis stays: its row is zero. Joints of eyes also take what a face moves its eyeballs by."""
     surface: SurfaceOffsets | None = None
     face: FaceOffsets | None = None
     """What its face differs by, at rest and with expressions; None: the template's."""

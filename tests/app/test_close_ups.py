@@ -167,7 +167,14 @@ def test_a_capture_that_shows_no_place(capture, monkeypatch):
     monkeypatch.setattr(close_ups, "PLACES", {"sole": PLACES["sole"]})
     with pytest.raises(InputError, match="a picture that shows one of sole"):
         close_ups.close_ups(capture, capture.person)
-    assert close_ups.close_ups(capture, capture.person, wanted=False) == []
+
+
+def test_pages_beside_it_are_drawn_where_no_place_is_shown(monkeypatch, path, tmp_path):
+    monkeypatch.setattr(close_ups, "PLACES", {"sole": PLACES["sole"]})
+    monkeypatch.setattr(draw, "_draw", lambda *_: None)
+    assert cli.main(["sheet", "default", str(tmp_path), "--truth", str(path), "--only", "body,close"]) == 0
+    report = json.loads((tmp_path / "sheet.json").read_text())
+    assert (report["sheets"], report["close"]) == (["body.jpg"], [])
 
 
 def test_lips_are_found_on_persons_of_any_size():

@@ -15,7 +15,7 @@ COEFFICIENTS = 4
 WIDEST = np.radians(60)
 """Of a pinhole, from its axis to the middle of a side, at most: there a pixel is stretched fourfold outwards."""
 STEEPEST = np.radians(70)
-"""Rays farther from the axis are in no pinhole, whose corners are at 68° at most; a detector's pixel is eight there."""
+"""Rays farther from the axis are in no pinhole, whose corners are at 68° at most; there a detector's error is stretched eightfold."""
 ON_AXIS = 1e-9
 """Focal lengths from the axis within which a point stays on it."""
 INSET = 1 + 1e-5
@@ -69,7 +69,7 @@ def _slope(angle: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
 
 
 def _limit(coefficients: np.ndarray) -> float:
-    """The angle up to which the lens is of one mind: r_d grows with θ, up to `STEEPEST`."""
+    """The angle up to which r_d grows with θ, so that each r_d is of one ray; `STEEPEST` at most."""
     angles = np.linspace(0, STEEPEST, 801)
     folds = np.flatnonzero(_slope(angles, coefficients) <= 0)
     return float(angles[folds[0] - 1] if len(folds) else STEEPEST)
