@@ -41,7 +41,7 @@ from avatarrex.templates.person import load_person, resize_person
 from avatarrex.templates.person_fit import PersonFit
 
 log = logging.getLogger(__name__)
-SINCE = {"tone.": 2, "light.": 3, "body.code_network.least": 3, "body.code_network.most": 3}
+SINCE = {"tone.": 2, "light.": 3, "light.face": 5, "body.code_network.least": 3, "body.code_network.most": 3}
 """Format since which there are weights of such names; avatars of before have the identity."""
 DETAILED = ("body", "face")
 """Parts with static detail: `PART.detail.texel`, the albedo of each texel, bytes; `PART.detail.edge`, the texels along the edges of

@@ -5,8 +5,8 @@
 Ours. The paper's colours know pose and view alone: a limb that is turned as in no training picture keeps the light of where it
 hung, a person who turns the light that was in front. Diffuse light is smooth in the normal: nine harmonics have 99 % of it
 (Ramamoorthi and Hanrahan 2001), so that eight numbers a channel serve the whole person. n is where the body's anchors, or the
-hand's mesh, face: it turns with the limb and is smooth; what is finer stays in c_net. The face has its tone mapping. E = 1 until
-it is trained.
+hand's mesh, face: it turns with the limb and is smooth; what is finer stays in c_net. The face has eight harmonics of its own, of the
+light on its rig, and n of its surface; its tone mapping follows. E = 1 until it is trained.
 
 Lamps stand still (`world`): a person who turns is lit from another side. A capture may have drawn a light that turns with the person
 (`root`), as avatars of before have it. Colours are evaluated in the root frame, where the light of the world is turned (`Light.over`).
@@ -17,6 +17,7 @@ Letters: p points.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
@@ -36,41 +37,50 @@ class Irradiance:
     """E in one frame."""
 
     harmonics: Float[Tensor, "8 3"]
+    """On body and hands."""
+    face: Float[Tensor, "8 3"] | None = None
+    """On the face; None: E = 1 there."""
 
     def __call__(self, normal: Float[Tensor, "p 3"]) -> Float[Tensor, "p 3"]:
-        """E of unit normals."""
-        return (1 + basis(normal) @ self.harmonics).clamp_min(DARKEST)
+        """E of unit normals of body and hands."""
+        return _irradiance(self.harmonics, normal)
+
+    def on_face(self, normal: Float[Tensor, "p 3"]) -> Float[Tensor, "p 3"]:
+        """E of unit normals of the face."""
+        return torch.ones_like(normal) if self.face is None else _irradiance(self.face, normal)
 
     def turned(self, rotation: Float[Tensor, "3 3"]) -> Irradiance:
         """E'(n) = E(R n): as a frame sees it that R takes to this one."""
-        linear, quadratic = self.harmonics[:3], self.harmonics[3:]
-        form = torch.einsum("ijk,kc->cij", _FORMS.to(quadratic), quadratic)  # Y_k(n) = nᵀ F_k n
-        form = rotation.T @ form @ rotation
-        xx, yy, zz = form.diagonal(dim1=1, dim2=2).unbind(-1)
-        found = [2 * form[:, 0, 1], 2 * form[:, 1, 2], 2 * form[:, 2, 0], zz, xx - yy]
-        return Irradiance(torch.cat([rotation.T @ linear, torch.stack(found)]))
+        face = None if self.face is None else _turned(self.face, rotation)
+        return Irradiance(_turned(self.harmonics, rotation), face)
 
     def same(self, other: Irradiance) -> bool:
         """Whether both are the same light."""
-        return torch.equal(self.harmonics, other.harmonics)
+        if (self.face is None) != (other.face is None):
+            return False
+        same_face = self.face is None or other.face is None or torch.equal(self.face, other.face)
+        return same_face and torch.equal(self.harmonics, other.harmonics)
 
 
 class Light(nn.Module):
-    """Eight harmonics of three channels, in the frame in which the light is fixed."""
+    """Eight harmonics of three channels for body and hands, and as many for the face, in the frame in which the light is fixed."""
 
     def __init__(self, frame: str = UNSAID) -> None:
         """`frame`: one of `LIGHT_FRAMES`."""
         super().__init__()
         self.frame = frame
         self.harmonics = nn.Parameter(torch.zeros(8, 3))
+        self.face = nn.Parameter(torch.zeros(8, 3))
+        module: Any = self  # its hooks are untyped in torch
+        module.register_load_state_dict_pre_hook(_unlit_face)
 
     def forward(self, normal: Float[Tensor, "p 3"]) -> Float[Tensor, "p 3"]:
-        """E of unit normals in the root frame of a person who is not turned."""
+        """E of unit normals of body and hands in the root frame of a person who is not turned."""
         return Irradiance(self.harmonics)(normal)
 
     def over(self, world_from_root: Float[np.ndarray, "4 4"]) -> Irradiance:
         """E in the root frame of a person who stands so."""
-        light = Irradiance(self.harmonics)
+        light = Irradiance(self.harmonics, self.face)
         if self.frame == "root":
             return light
         return light.turned(torch.as_tensor(world_from_root[:3, :3].copy()).to(self.harmonics))
@@ -80,6 +90,24 @@ def basis(normal: Float[Tensor, "p 3"]) -> Float[Tensor, "p 8"]:
     """Y of unit normals."""
     x, y, z = normal.unbind(-1)
     return torch.stack([x, y, z, x * y, y * z, z * x, (3 * z * z - 1) / 2, (x * x - y * y) / 2], -1)
+
+
+def _unlit_face(light: Light, state: dict[str, Tensor], prefix: str, *rest: Any) -> None:
+    """Weights of before a face had a light: E = 1 there."""
+    state.setdefault(prefix + "face", torch.zeros_like(light.face))
+
+
+def _irradiance(harmonics: Float[Tensor, "8 3"], normal: Float[Tensor, "p 3"]) -> Float[Tensor, "p 3"]:
+    return (1 + basis(normal) @ harmonics).clamp_min(DARKEST)
+
+
+def _turned(harmonics: Float[Tensor, "8 3"], rotation: Float[Tensor, "3 3"]) -> Float[Tensor, "8 3"]:
+    linear, quadratic = harmonics[:3], harmonics[3:]
+    form = torch.einsum("ijk,kc->cij", _FORMS.to(quadratic), quadratic)  # Y_k(n) = nᵀ F_k n
+    form = rotation.T @ form @ rotation
+    xx, yy, zz = form.diagonal(dim1=1, dim2=2).unbind(-1)
+    found = [2 * form[:, 0, 1], 2 * form[:, 1, 2], 2 * form[:, 2, 0], zz, xx - yy]
+    return torch.cat([rotation.T @ linear, torch.stack(found)])
 
 
 def _forms() -> Float[Tensor, "3 3 5"]:

@@ -239,6 +239,14 @@ class Face(Part[FaceState]):
         sdf[used] = self._sdf(state, state.trained(position[used]))
         return sdf, omega
 
+    def light(self, state: FaceState, points: SurfacePoints) -> Float[Tensor, "p 3"]:
+        """E on points of the surface."""
+        return self._light(points, self._normal(state, state.trained(points.position)))
+
+    @staticmethod
+    def _light(points: SurfacePoints, normal: Float[Tensor, "p 3"]) -> Float[Tensor, "p 3"]:
+        return points.light.on_face(normal @ points.root_from_part.T)
+
     @torch.no_grad()
     def _normal(self, state: FaceState, position: Float[Tensor, "p 3"]) -> Float[Tensor, "p 3"]:
         return surface_normal(partial(self._sdf, state), position.detach())
@@ -255,32 +263,34 @@ class Face(Part[FaceState]):
 
         The closest triangle of a closed lid would often be the eyeball's.
         """
-        return self._places(state, state.trained(position))
+        trained = state.trained(position)
+        return self._places(state, trained, self._normal(state, trained))
 
     @torch.no_grad()
     def _places(
-        self, state: FaceState, position: Float[Tensor, "p 3"], normal: Float[Tensor, "p 3"] | None = None
+        self, state: FaceState, position: Float[Tensor, "p 3"], normal: Float[Tensor, "p 3"]
     ) -> TexelPlaces | None:
-        """Of points in the trained shape."""
+        """Of points in the trained shape, with the surface's normals there."""
         detail = self.field.detail
         if detail is None:
             return None
-        found = (position.detach(), self._normal(state, position) if normal is None else normal)
-        points, normals = (each.double().cpu().numpy() for each in found)
+        points, normals = (each.detach().double().cpu().numpy() for each in (position, normal))
         return detail.places_on(*state.triangles.outer(detail.lattice.shown, points, normals))
 
     def colour(self, state: FaceState, points: SurfacePoints, counters: Counters, impl: Impl = "auto") -> Tensor:
-        """C_F (paper eq. 12), brought to the body's tone."""
+        """C_F (paper eq. 12) times the light on the surface's normal, brought to the body's tone."""
         planes = self.decode_colour(state, counters)
         counters.add("face_pixels", len(points.position))
         trained = state.trained(points.position)
+        normal = self._normal(state, trained)
+        places = self._places(state, trained, normal)
         if state.carried is None:
-            own = self.field.colour(planes, trained, points.direction, self._places(state, trained))
+            own = self.field.colour(planes, trained, points.direction, places)
         else:
-            normal = self._normal(state, trained)
-            seen, places = state.carried.seen(trained, normal), self._places(state, trained, normal)
+            seen = state.carried.seen(trained, normal)
             own = self._in_mouth(state.carried, seen, self.field.colour(planes, seen.place, points.direction, places))
-        colour: Tensor = self.tone(own, points.root_direction, points.direction)
+        lit = own * self._light(points, normal)
+        colour: Tensor = self.tone(lit, points.root_direction, points.direction)
         return colour
 
     def _in_mouth(self, carried: Carried, seen: Seen, colour: Float[Tensor, "p 3"]) -> Float[Tensor, "p 3"]:

@@ -80,7 +80,7 @@ class SurfaceColour:
     states: Mapping[str, PartState]
     """What each part prepared for this driving signal, by name; parts that are not there have no share in any point."""
     light: Irradiance
-    """What falls on body and hands, root frame."""
+    """What falls on the person, root frame."""
     counters: Counters
     patches: PatchCache | None = None
     """Feature patches of this body pose."""

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from scipy.spatial.transform import Rotation
 from torch import Tensor
 
 from avatarrex.avatar import Avatar
@@ -13,6 +14,7 @@ from avatarrex.avatar_file import load_avatar, save_avatar
 from avatarrex.counters import Counters
 from avatarrex.fields.detail_texture import texel_count
 from avatarrex.fields.face import surface_normal
+from avatarrex.fields.light import Irradiance
 from avatarrex.ops.closest_triangle import closest_triangle
 from avatarrex.ops.search_tree import SearchTree
 from avatarrex.parts import face as parts_face
@@ -45,7 +47,7 @@ def facing(made: Avatar, vertices: Tensor, monkeypatch: pytest.MonkeyPatch) -> N
 
     def normal(distance: Callable[[Tensor], Tensor], position: Tensor) -> Tensor:
         a, b, c = mesh[shown[closest_triangle(tree, position.double().numpy())[0]]].swapaxes(0, 1)
-        return torch.nn.functional.normalize(torch.from_numpy(np.cross(b - a, c - a)), dim=1)
+        return torch.nn.functional.normalize(torch.from_numpy(np.cross(b - a, c - a)), dim=1).to(position)
 
     monkeypatch.setattr(parts_face, "surface_normal", normal)
 
@@ -94,6 +96,27 @@ def test_colours_are_the_texels_where_the_networks_say_nothing(monkeypatch: pyte
     )
     own = made.face.colour(face.decode_colour(state, Counters()), moved, points.direction, face.places(state, moved))
     torch.testing.assert_close(own, torch.sigmoid(torch.tensor([1.0, 0.0, -2.0])).expand_as(own))
+
+
+@torch.no_grad()
+def test_a_face_is_lit_as_it_is_turned(monkeypatch: pytest.MonkeyPatch) -> None:
+    """By its own harmonics, not the body's, on the surface's normal as the head is turned; albedo stays."""
+    made = avatar()
+    face, state, moved, _ = posed(made, monkeypatch)
+    turn = torch.from_numpy(Rotation.from_rotvec([0.2, 0.9, -0.1]).as_matrix()).float()
+
+    def colour(light: Irradiance, head: Tensor) -> Tensor:
+        points = SurfacePoints(moved, torch.nn.functional.normalize(-moved, dim=-1), moved @ head.T, head, light)
+        return face.colour(state, points, Counters())
+
+    drawn = 0.2 * torch.randn(2, 8, 3, generator=torch.Generator().manual_seed(6))
+    dark = Irradiance(torch.zeros(8, 3))
+    albedo = colour(dark, turn)
+    assert torch.equal(colour(Irradiance(drawn[0]), turn), albedo)
+    normal = parts_face.surface_normal(lambda place: place[:, 0], moved)
+    expected = albedo * Irradiance(drawn[1])(normal @ turn.T)
+    torch.testing.assert_close(colour(Irradiance(drawn[0], drawn[1]), turn), expected, atol=1e-5, rtol=0)
+    assert (expected - albedo).abs().mean() > 0.02
 
 
 def test_only_the_face_has_texels() -> None:

@@ -16,7 +16,7 @@ from avatarrex.avatar_file import load_avatar, save_avatar
 from avatarrex.capture.synthetic.shade import studio_light
 from avatarrex.counters import Counters
 from avatarrex.errors import InputError
-from avatarrex.fields.light import DARKEST, Light
+from avatarrex.fields.light import DARKEST, Irradiance, Light
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.library import named_pose
 from avatarrex.templates.person import load_person
@@ -54,12 +54,17 @@ def test_a_light_of_the_world_stands_still_when_the_person_turns():
     normal, world = directions(500), np.eye(4)
     world[:3, :3] = Rotation.from_rotvec([0.3, 1.2, -0.4]).as_matrix()
     light, along = Light("world").requires_grad_(False), Light("root")
-    torch.nn.init.normal_(light.harmonics, 0.0, 0.3, generator=torch.Generator().manual_seed(3))
+    drawn = torch.Generator().manual_seed(3)
+    for harmonics in (light.harmonics, light.face):
+        torch.nn.init.normal_(harmonics, 0.0, 0.3, generator=drawn)
     along.load_state_dict(light.state_dict())
     turned = normal @ torch.as_tensor(world[:3, :3]).float().T
     torch.testing.assert_close(light.over(world)(normal), light(turned), atol=1e-5, rtol=0)
     assert float((light(turned) - light(normal)).abs().mean()) > 0.1
     assert torch.equal(along.over(world)(normal), light(normal))
+    faces = light.over(world).on_face(normal)
+    torch.testing.assert_close(faces, along.over(world).on_face(turned), atol=1e-5, rtol=0)
+    assert float((faces - light.over(world)(normal)).abs().mean()) > 0.1, "the face's rig has lamps of its own"
     assert torch.allclose(light.over(np.eye(4)).harmonics, light.harmonics, atol=1e-6)
 
 
@@ -77,6 +82,37 @@ def test_an_avatar_says_where_its_light_is_fixed(tmp_path):
     meta.pop("light_frame")
     (tmp_path / "new/avatar.json").write_text(json.dumps(meta))
     assert load_avatar(tmp_path / "new").light.frame == "root", "of before there was a choice"
+
+
+def test_a_light_differs_where_the_faces_does():
+    drawn = torch.randn(2, 8, 3, generator=torch.Generator().manual_seed(5))
+    one, bare = Irradiance(drawn[0], drawn[1]), Irradiance(drawn[0])
+    assert one.same(Irradiance(drawn[0].clone(), drawn[1].clone()))
+    assert not one.same(Irradiance(drawn[0], drawn[0]))
+    assert not one.same(bare) and not bare.same(one)
+    assert bare.same(Irradiance(drawn[0].clone()))
+    assert torch.equal(bare.on_face(directions(9)), torch.ones(9, 3))
+
+
+def test_an_avatar_of_format_4_has_no_light_on_its_face(tmp_path):
+    avatar = Avatar.create(load_person(), "compact")
+    for harmonics in (avatar.light.harmonics, avatar.light.face):
+        torch.nn.init.constant_(harmonics, 0.25)
+    save_avatar(avatar, tmp_path / "new")
+    assert torch.equal(load_avatar(tmp_path / "new").light.face, avatar.light.face)
+    state = safetensors.torch.load((tmp_path / "new/weights.safetensors").read_bytes())
+    state.pop("light.face")
+    (tmp_path / "new/weights.safetensors").write_bytes(safetensors.torch.save(state))
+    with pytest.raises(InputError, match="light.face"):
+        load_avatar(tmp_path / "new")
+    meta = json.loads((tmp_path / "new/avatar.json").read_text())
+    (tmp_path / "new/avatar.json").write_text(json.dumps(meta | {"format": 4}))
+    before = load_avatar(tmp_path / "new").light
+    assert float(before.face.abs().max()) == 0
+    assert torch.equal(before.harmonics, avatar.light.harmonics)
+    checkpoint = {"harmonics": avatar.light.harmonics}
+    before.load_state_dict(checkpoint)
+    assert float(before.face.abs().max()) == 0, "of a run of before"
 
 
 def test_it_never_goes_out():
@@ -112,7 +148,7 @@ def test_an_avatar_of_format_2_has_none_and_free_codes(tmp_path):
         state = safetensors.torch.load(archive.read("weights.safetensors"))
     newer = ("light.", "body.code_network.least", "body.code_network.most")
     old = {name: value for name, value in state.items() if not name.startswith(newer)}
-    assert len(old) == len(state) - 3
+    assert len(old) == len(state) - 4
     with zipfile.ZipFile(tmp_path / "old.avatar", "w") as archive:
         archive.writestr("avatar.json", json.dumps(meta | {"format": 2}))
         archive.writestr("weights.safetensors", safetensors.torch.save(old))

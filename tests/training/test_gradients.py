@@ -217,3 +217,18 @@ def test_a_face_is_trained_as_if_no_body_shone_through_its_seam(tiny, part):
     first = FacePass(avatar, store, SMOKE.face[0], 0)
     shares = torch.tensor([[0.0, 0.0, 0.3], [0.0, 0.2, 0.0], [0.0, 0.0, 1.0]])
     assert torch.equal(first.painted(shares), torch.tensor([[0.0, 0, 1], [0, 0.2, 0], [0, 0, 1]]))
+
+
+def test_each_part_learns_the_light_that_falls_on_it(tiny):
+    """A face is frozen while the body is trained, and what lit it, too."""
+    avatar, _, store = tiny
+    test = Perceptual(None, "test")
+    of_body = [BodyPass(avatar, store, SMOKE.body[0], 0), PatchPass(avatar, store, "body", SMOKE.body[1], test, 0)]
+    of_face = [FacePass(avatar, store, SMOKE.face[0], 0), PatchPass(avatar, store, "face", SMOKE.face[1], test, 0)]
+    for losses, own, other in (
+        *((one, avatar.light.harmonics, avatar.light.face) for one in of_body),
+        *((one, avatar.light.face, avatar.light.harmonics) for one in of_face),
+    ):
+        learnt = {id(parameter) for parameter in losses.parameters()}
+        assert id(own) in learnt
+        assert id(other) not in learnt

@@ -57,11 +57,12 @@ class PatchPass:
         self.perceptual = perceptual
 
     def parameters(self) -> list[nn.Parameter]:
-        """The colour networks."""
+        """The colour networks, and the light on them."""
         if self.part == "face":
-            return self.avatar.face.colour_parameters()
-        others = (self.avatar.left_hand, self.avatar.right_hand, self.avatar.tone, self.avatar.light)
-        return [*self.avatar.body.colour_parameters(), *(p for module in others for p in module.parameters())]
+            return [*self.avatar.face.colour_parameters(), self.avatar.light.face]
+        others = (self.avatar.left_hand, self.avatar.right_hand, self.avatar.tone)
+        own = (p for module in others for p in module.parameters())
+        return [*self.avatar.body.colour_parameters(), *own, self.avatar.light.harmonics]
 
     def step(self, step: int, gamma: float) -> StepResult:
         """Mean of the terms over a batch of patches; the same for the same step and weights.

@@ -175,14 +175,15 @@ def _on_body(avatar: Avatar, sighting: Sighting) -> tuple[TexelPlaces, Tensor]:
 
 
 def _on_face(avatar: Avatar, sighting: Sighting) -> tuple[TexelPlaces, Tensor]:
-    """The same of the face, whose colours have their light in them."""
+    """The same of the face."""
     face = avatar.parts["face"]
     assert isinstance(face, Face)
     root_from_face, position = sighting.posed.root_from_part("face"), sighting.position
     points = surface_points(root_from_face, position, position, sighting.light(avatar))
-    places = face.places(face_state(sighting.states), points.position)
+    state = face_state(sighting.states)
+    places = face.places(state, points.position)
     assert places is not None
-    return places, torch.ones_like(sighting.position)
+    return places, face.light(state, points)
 
 
 def paint(detail: DetailTexture, pictures: list[Projected], where: str, rounds: int = ROUNDS) -> None:
