@@ -47,7 +47,7 @@ class LiveFrame(Frame):
 
     posed: PosedSurface
     harmonics: np.ndarray
-    """(8, 3), the avatar's light in the root frame."""
+    """(2, 8, 3), the avatar's light in the root frame, on body and hands, and on the face."""
     picture: SurfacePicture
     """In the OpenGL context that was in use."""
     look: Look | Shine | None = None
@@ -129,9 +129,11 @@ def render_live(
     )
 
 
-def harmonics_of(avatar: Avatar, world_from_root: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "8 3"]:
-    """The avatar's light in the root frame, as surfaces are drawn in it; float64."""
-    return np.asarray(avatar.light.over(world_from_root).harmonics.detach().double().cpu().numpy())
+def harmonics_of(avatar: Avatar, world_from_root: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "2 8 3"]:
+    """The avatar's light in the root frame, as surfaces are drawn in it, on body and hands, and on the face; float64."""
+    light = avatar.light.over(world_from_root)
+    both = (light.harmonics, torch.zeros_like(light.harmonics) if light.face is None else light.face)
+    return np.asarray(torch.stack(both).detach().double().cpu().numpy())
 
 
 def _same(old: LiveFrame, placed: Placed, world_from_root: np.ndarray, settings: RenderSettings) -> bool:

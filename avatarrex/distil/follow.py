@@ -23,7 +23,6 @@ from avatarrex.distil.exact import ExactPose
 from avatarrex.distil.onto_field import LONGEST_STEP, ON_SURFACE, at_most, onto_field
 from avatarrex.distil.rest_mesh import RestMesh
 from avatarrex.fields.influence import weighted_mean
-from avatarrex.fields.light import Light
 from avatarrex.ops.rotation import matrix_from_rotvec
 from avatarrex.ops.skinning import joint_transforms, skin, skinning_matrices
 from avatarrex.signals.driving import Signals
@@ -116,13 +115,6 @@ def broad_normals(normal: Float[Tensor, "v 3"], faces: Int[Tensor, "f 3"]) -> Fl
             mean.index_add_(0, corner, broad[faces].sum(1))
         broad = normalize(mean, dim=-1)
     return broad
-
-
-def lit_by(light: Light, normal: Float[Tensor, "v 3"], lit: Float[Tensor, " v"]) -> Float[Tensor, "v 3"]:
-    """1 + lit (E(n) − 1): what an albedo is multiplied by."""
-    with torch.no_grad():
-        full: Tensor = light(normalize(normal, dim=-1))
-    return 1 + lit[:, None] * (full - 1)
 
 
 def _in_local_frame(

@@ -18,7 +18,7 @@ from torch.nn.functional import normalize
 from avatarrex.avatar import Avatar
 from avatarrex.distil.exact import ExactPose
 from avatarrex.distil.fit import Residuals
-from avatarrex.distil.follow import Followed, follow, lit_by, skinning
+from avatarrex.distil.follow import Followed, follow, skinning
 from avatarrex.distil.gaps import filled, tension
 from avatarrex.distil.onto_field import ON_SURFACE, met_from, onto_field
 from avatarrex.distil.pattern import SLOPE, Pattern, neighbourhoods, sample_places, tangents
@@ -162,7 +162,8 @@ class Observer:
 
     def light(self, followed: Followed) -> Float[Tensor, "v 3"]:
         """What the albedo is multiplied by in that pose: of the mesh's own normals, as it is drawn."""
-        return lit_by(self.avatar.light, followed.normal, self.lit)
+        with torch.no_grad():
+            return self.avatar.light.over(np.eye(4)).mixed(normalize(followed.normal, dim=-1), self.lit)
 
     def _slid(self, exact: ExactPose, followed: Followed, pattern: Pattern) -> Followed:
         share = exact.field(followed.position).part_weight
@@ -230,7 +231,7 @@ class Observer:
         return np.isin(self.mesh.template_vertex, np.concatenate([*of_template, np.zeros(0, int)]))
 
     def _lit(self) -> Float[Tensor, " v"]:
-        """1 − ω of the face, which has its own tone."""
+        """1 − ω of the face, which has a light of its own."""
         signals = Signals.rest()
         exact = ExactPose.of(self.avatar, signals)
         followed = follow(self.avatar, self.mesh, exact, signals)

@@ -17,15 +17,14 @@ from jaxtyping import Float, UInt8
 from torch import Tensor
 
 from avatarrex.distil.texels import Texels, texels
-from avatarrex.fields.light import Irradiance, Light
+from avatarrex.fields.light import Irradiance
 from avatarrex.surface.surface import Surface
 
 
-def light_on(surface: Surface, normals: Float[Tensor, "v 3"], light: Light | Irradiance) -> Float[np.ndarray, "v 3"]:
+def light_on(surface: Surface, normals: Float[Tensor, "v 3"], light: Irradiance) -> Float[np.ndarray, "v 3"]:
     """What the albedo is multiplied by at each vertex, under unit normals in the root frame."""
     with torch.no_grad():
-        share = torch.from_numpy(surface.lit)[:, None]
-        return np.asarray((1 + share * (light(normals.float()) - 1)).numpy())
+        return np.asarray(light.mixed(normals.float(), torch.from_numpy(surface.lit)).numpy())
 
 
 def baked_texture(

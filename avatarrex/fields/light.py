@@ -49,6 +49,11 @@ class Irradiance:
         """E of unit normals of the face."""
         return torch.ones_like(normal) if self.face is None else _irradiance(self.face, normal)
 
+    def mixed(self, normal: Float[Tensor, "p 3"], share: Float[Tensor, " p"]) -> Float[Tensor, "p 3"]:
+        """E of unit normals of a surface of which `share` is body or hands, the rest the face."""
+        body = share[:, None]
+        return body * self(normal) + (1 - body) * self.on_face(normal)
+
     def turned(self, rotation: Float[Tensor, "3 3"]) -> Irradiance:
         """E'(n) = E(R n): as a frame sees it that R takes to this one."""
         face = None if self.face is None else _turned(self.face, rotation)

@@ -91,8 +91,8 @@ class Placed:
     """A posed surface in a picture."""
 
     posed: PosedSurface
-    harmonics: Float[np.ndarray, "8 3"]
-    """The avatar's light in the root frame (`Irradiance.harmonics`)."""
+    harmonics: Float[np.ndarray, "2 8 3"]
+    """The avatar's light in the root frame on body and hands (`Irradiance.harmonics`), and on the face (`Irradiance.face`)."""
     view: Camera
     """The picture's camera, seen from this surface's root frame."""
     hidden: frozenset[str] = frozenset()
@@ -129,7 +129,7 @@ def draw_surfaces(shown: Sequence[Placed], samples: int = SAMPLES, counters: Cou
 
 def draw_surface(
     posed: PosedSurface,
-    harmonics: Float[np.ndarray, "8 3"],
+    harmonics: Float[np.ndarray, "2 8 3"],
     view: Camera,
     samples: int = SAMPLES,
     hidden: frozenset[str] = frozenset(),
@@ -200,7 +200,8 @@ class Raster:
         name = "lit" if one.key else "colour"
         program = self._programs[name]
         program["u_albedo_scale"] = one.posed.surface.albedo_scale
-        program["u_harmonics"] = [tuple(row) for row in one.harmonics.tolist()]
+        for uniform, harmonics in zip(("u_harmonics", "u_face_harmonics"), one.harmonics.tolist()):
+            program[uniform] = [tuple(row) for row in harmonics]
         if one.key:
             one.key.texture.use(CAST_UNIT)
             program["u_map_from_root"] = tuple(one.key.map_from_root.T.ravel().tolist())

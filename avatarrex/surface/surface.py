@@ -3,7 +3,8 @@
     p̄' = p̄ + shape·β + morph·ψ + Δp(θ, φ)      p = Σ_k w_k A_{j_k} p̄'        colour = (albedo(uv) + Δc(θ, ψ)) · E(n)
 
 A_j are the body template's skinning matrices (all 55 joints turn here: body, jaw, eyes, fingers), E the avatar's light
-(fields/light.py) of the posed normal n, as far as `lit` says. Hands and face have the template's own vertices.
+(fields/light.py) of the posed normal n, that of body and hands as far as `lit` says, else the face's. Hands and face have the
+template's own vertices.
 
 Letters: v vertices, t texture vertices, f faces, k joints of a vertex, m vertices moved by expressions, e expressions,
 g groups, q joints of a group, n fitted poses, r rank. Metres at rest (T-pose, neutral, flat hands), root frame; colours sRGB-encoded.
@@ -83,10 +84,10 @@ class Surface:
     uv_faces: Int32[np.ndarray, "f 3"]
     """Texture vertices of each face: `faces` is `uv_vertex[uv_faces]`."""
     albedo: UInt8[np.ndarray, "h w 3"]
-    """Colour with the light divided out, as far as `lit` says; 255 is `albedo_scale`."""
+    """Colour with the light divided out; 255 is `albedo_scale`."""
     albedo_scale: float
     lit: Float32[np.ndarray, " v"]
-    """Share of the light that follows the normal: 1 on body and hands, 0 on the face, which has its own tone."""
+    """Share of the light on body and hands: 1 there, 0 on the face, which has a light of its own."""
     morph_vertex: Int32[np.ndarray, " m"]
     morph: Float32[np.ndarray, "e m 3"]
     """Displacement of `morph_vertex` by each of the 52 expressions at 1, metres at rest."""

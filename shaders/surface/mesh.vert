@@ -7,12 +7,13 @@ in vec3 in_position;
 in vec3 in_normal;
 in vec3 in_tint;
 in vec2 in_uv;
-in float in_lit;
+in float in_lit;  // 1 on body and hands, 0 on the face
 in int in_part;  // 0 the body, 1.. in the order of PARTS
 
 uniform mat4 u_clip_from_root;
 uniform float u_albedo_scale;
-uniform vec3 u_harmonics[8];
+uniform vec3 u_harmonics[8];       // on body and hands
+uniform vec3 u_face_harmonics[8];  // on the face
 #ifdef LIT  // by the key light of a stage (surface/raster.py, KeyShadow)
 layout(binding = CAST_UNIT) uniform sampler2D u_cast;
 uniform mat4 u_map_from_root;
@@ -43,7 +44,8 @@ out vec3 v_own;       // the vertex's tint as it is
 void main() {
     v_position = in_position;
     v_normal = in_normal;
-    vec3 lit = mix(vec3(1), light(v_normal, u_harmonics, DARKEST), in_lit);
+    vec3 lit = light(v_normal, u_harmonics, DARKEST);
+    if (in_lit < 1) lit = mix(light(v_normal, u_face_harmonics, DARKEST), lit, in_lit);
 #ifdef LIT
     lit *= u_gains.x + u_gains.y * in_light(v_position, v_normal);
 #endif

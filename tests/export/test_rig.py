@@ -11,7 +11,7 @@ from export_surface import seamed_surface
 from avatarrex.distil.texels import texels
 from avatarrex.export.rig import rig_of
 from avatarrex.export.texture import baked_texture, light_on, spread, vertex_colours
-from avatarrex.fields.light import Light
+from avatarrex.fields.light import Irradiance, Light
 from avatarrex.signals.driving import Signals
 
 
@@ -56,16 +56,18 @@ def test_values_reach_every_texel(source):
 
 def test_light_is_baked_where_it_follows_the_normal(source):
     surface, v = source.surface, len(source.surface.vertices)
-    light = Light()
-    with torch.no_grad():
-        light.harmonics[1] = -0.5  # E(up) = 0.5
+    harmonics = torch.zeros(8, 3)
+    harmonics[1] = -0.5  # E(up) = 0.5
+    light = Irradiance(harmonics)
     up = torch.tensor([[0.0, 1.0, 0.0]]).expand(v, 3)
     all_lit, none_lit = (replace(surface, lit=np.full(v, share, np.float32)) for share in (1, 0))
     dark = baked_texture(all_lit, light_on(all_lit, up, light))
     assert np.abs(dark - 0.5 * surface.albedo).max() <= 0.5
     assert np.array_equal(baked_texture(none_lit, light_on(none_lit, up, light)), surface.albedo)
+    faces = light_on(none_lit, up, Irradiance(torch.zeros(8, 3), harmonics))
+    assert np.allclose(faces, 0.5), "the face's own light"
     tint = np.full((v, 3), 0.1, np.float32)
-    tinted = baked_texture(surface, light_on(surface, up, Light()), tint)
+    tinted = baked_texture(surface, light_on(surface, up, Irradiance(torch.zeros(8, 3))), tint)
     assert np.abs(tinted - np.minimum(surface.albedo + 25.5, 255)).max() <= 0.51
 
 
@@ -84,7 +86,7 @@ def test_who_turns_is_lit_from_where_the_lamps_are(source):
     about = rest.replace(global_orient=np.array([0.0, np.pi / 2, 0.0]))
     posed = source.posed(rest)
     turned = posed.normals @ posed.world_from_root(about)[:3, :3].T.astype(np.float32)
-    wanted = light_on(source.surface, torch.from_numpy(turned), source.light)
+    wanted = light_on(source.surface, torch.from_numpy(turned), source.light.over(np.eye(4)))
     assert np.allclose(world.factor(posed, about), wanted, atol=1e-5)
     assert np.abs(wanted - source.factor(posed, about)).max() > 0.1
     assert np.array_equal(source.factor(posed, about), source.factor(posed, rest))
@@ -95,7 +97,7 @@ def test_vertex_colours_are_the_texture_s(source):
     surface, v = source.surface, len(source.surface.vertices)
     surface = replace(surface, lit=np.ones(v, np.float32))
     normals = torch.tensor([[0.6, 0.8, 0.0]]).expand(v, 3)
-    factor = light_on(surface, normals, source.light)
+    factor = light_on(surface, normals, source.light.over(np.eye(4)))
     texture = baked_texture(surface, factor)
     colours = vertex_colours(surface, factor, np.zeros((v, 3), np.float32))
     last = np.zeros(v, int)

@@ -123,7 +123,7 @@ def test_opengl_draws_what_the_software_draws(gathered):
     bent = pose_surface(surface, person, talking).vertices
     assert np.abs(bent - textured.mesh.surface(talking).vertices).max() < 1e-4
     view = camera.seen_from(world)
-    ours = draw_surface(posed, np.zeros((8, 3)), view).read()
+    ours = draw_surface(posed, np.zeros((2, 8, 3)), view).read()
     theirs = textured.draw(signals, camera).image.numpy()
     both = (ours[..., 3] == 1) & (theirs[..., 3] == 1)
     assert both.sum() > 1500

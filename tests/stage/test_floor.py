@@ -162,7 +162,7 @@ def test_a_figure_is_darker_where_its_arm_is_before_the_light():
         template_surface(), load_person(), Signals.rest().replace(body_pose=named_pose("point_forward"))
     )
     view = Camera.orbit(0, 0, 2.6, target=(0, 0, 0), width=128, height=128)
-    placed = Placed(posed, np.zeros((8, 3)), view)
+    placed = Placed(posed, np.zeros((2, 8, 3)), view)
     plain = draw_surfaces([placed]).read()
     shine = SurfaceLight(Stage(shown=True, shadow=1.0, azimuth=0.0, elevation=60.0).light)
     shaded = draw_surfaces([replace(placed, key=shine(placed, np.eye(4)))]).read()
@@ -176,7 +176,7 @@ def test_a_figure_is_darker_where_its_arm_is_before_the_light():
 def test_a_ball_s_own_lit_side_is_in_the_light(ball):
     """Up to 60° from the light: the map's texels are no steps there."""
     view = Camera.orbit(LIGHT.azimuth, LIGHT.elevation, 1.2, width=128, height=128)
-    placed = Placed(ball, np.zeros((8, 3)), view)
+    placed = Placed(ball, np.zeros((2, 8, 3)), view)
     shine = SurfaceLight(replace(LIGHT, height=-0.5))
     plain, shaded = (
         draw_surfaces([one]).read()[..., 1] for one in (placed, replace(placed, key=shine(placed, np.eye(4))))
@@ -191,14 +191,14 @@ def test_a_ball_s_own_lit_side_is_in_the_light(ball):
 def test_a_light_without_shadow_changes_no_byte():
     posed = pose_surface(template_surface(), load_person(), Signals.rest())
     view = Camera.orbit(30, 0, 2.6, target=(0, 0, 0), width=64, height=64)
-    placed = Placed(posed, np.zeros((8, 3)), view)
+    placed = Placed(posed, np.zeros((2, 8, 3)), view)
     shine = SurfaceLight(Stage(shown=True, shadow=0.0).light)
     lit = replace(placed, key=shine(placed, np.eye(4)))
     assert np.abs(draw_surfaces([lit]).read() - draw_surfaces([placed]).read()).max() <= 1 / 255
 
 
 def test_the_shadow_is_drawn_anew_where_the_figure_moves(ball):
-    shine, placed = SurfaceLight(LIGHT), Placed(ball, np.zeros((8, 3)), Camera.orbit())
+    shine, placed = SurfaceLight(LIGHT), Placed(ball, np.zeros((2, 8, 3)), Camera.orbit())
     shine(placed, np.eye(4))
     first = shine.shadow
     shine(placed, np.eye(4))

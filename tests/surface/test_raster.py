@@ -12,7 +12,7 @@ from surface.template_surface import template_surface
 from avatarrex.camera import Camera
 from avatarrex.capture.zbuffer import visible_faces
 from avatarrex.counters import Counters
-from avatarrex.fields.light import Light
+from avatarrex.fields.light import Irradiance
 from avatarrex.gl import current_context, gl_context, use_context
 from avatarrex.gl.context import NoContext
 from avatarrex.signals.driving import Signals
@@ -27,10 +27,11 @@ from avatarrex.surface.upload import z_order
 from avatarrex.templates.person import load_person
 
 PERSON = load_person()
-HARMONICS = np.random.default_rng(0).normal(size=(8, 3)) * 0.15
+HARMONICS = np.random.default_rng(0).normal(size=(2, 8, 3)) * 0.15
+"""On body and hands, on the face."""
 WAVE = Signals.rest().replace(body_pose=named_pose("wave"), expression=np.eye(52)[17] * 0.8)
 SIZE = 192
-DARK = np.zeros((8, 3))
+DARK = np.zeros((2, 8, 3))
 
 
 def camera(azimuth: float = 25, distance: float = 2.6, size: int = SIZE) -> Camera:
@@ -54,9 +55,9 @@ def wanted(posed: PosedSurface, view: Camera) -> tuple[np.ndarray, ...]:
 
     normal = at(posed.normals)
     normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-9)
-    light = Light()
-    light.harmonics.data = torch.from_numpy(HARMONICS).float()
-    shade = light(torch.from_numpy(normal).reshape(-1, 3).float()).detach().numpy().reshape(normal.shape)
+    body, face = (Irradiance(one.float()) for one in torch.from_numpy(HARMONICS))
+    towards = torch.from_numpy(normal).reshape(-1, 3).float()
+    on_body, on_face = (light(towards).numpy().reshape(normal.shape) for light in (body, face))
     lit = at(surface.lit[:, None])
     h, w = surface.albedo.shape[:2]
     uv = at(surface.uv) * [w, h] - 0.5
@@ -66,7 +67,7 @@ def wanted(posed: PosedSurface, view: Camera) -> tuple[np.ndarray, ...]:
     texel = surface.albedo / 255 * surface.albedo_scale
     above = texel[row, column] * (1 - u) + texel[row, column + 1] * u
     below = texel[row + 1, column] * (1 - u) + texel[row + 1, column + 1] * u
-    colour = np.clip((above * (1 - v) + below * v + at(posed.tint)) * (1 - lit + lit * shade), 0, 1)
+    colour = np.clip((above * (1 - v) + below * v + at(posed.tint)) * ((1 - lit) * on_face + lit * on_body), 0, 1)
     part = at((surface.part[:, None] == [1, 2, 3]).astype(float))
     return hit, np.where(hit, depth, 0), at(posed.vertices.astype(np.float64)), normal, colour, part
 
