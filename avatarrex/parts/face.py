@@ -239,13 +239,9 @@ class Face(Part[FaceState]):
         sdf[used] = self._sdf(state, state.trained(position[used]))
         return sdf, omega
 
-    def light(self, state: FaceState, points: SurfacePoints) -> Float[Tensor, "p 3"]:
-        """E on points of the surface."""
-        return self._light(points, self._normal(state, state.trained(points.position)))
-
-    @staticmethod
-    def _light(points: SurfacePoints, normal: Float[Tensor, "p 3"]) -> Float[Tensor, "p 3"]:
-        return points.light.on_face(normal @ points.root_from_part.T)
+    def facing(self, state: FaceState, points: SurfacePoints) -> Float[Tensor, "p 3"]:
+        """Unit normals at points of the surface, root frame."""
+        return self._normal(state, state.trained(points.position)) @ points.root_from_part.T
 
     @torch.no_grad()
     def _normal(self, state: FaceState, position: Float[Tensor, "p 3"]) -> Float[Tensor, "p 3"]:
@@ -289,7 +285,7 @@ class Face(Part[FaceState]):
         else:
             seen = state.carried.seen(trained, normal)
             own = self._in_mouth(state.carried, seen, self.field.colour(planes, seen.place, points.direction, places))
-        lit = own * self._light(points, normal)
+        lit = own * points.light.on_face(normal @ points.root_from_part.T)
         colour: Tensor = self.tone(lit, points.root_direction, points.direction)
         return colour
 

@@ -33,6 +33,7 @@ from avatarrex.shading.colour import surface_points
 from avatarrex.templates.model import EYES, MOUTH
 from avatarrex.training.core.agreement import agreed
 from avatarrex.training.core.frames import FrameStore, TrainingFrame
+from avatarrex.training.core.light_fit import LitPixels, fit_light
 from avatarrex.training.core.registration import register
 from avatarrex.training.core.sighting import Sighting
 from avatarrex.training.core.silhouette import Silhouette
@@ -90,7 +91,11 @@ def start_from_pictures(
         sightings, silhouettes = zip(*((one.sighting(part), one.silhouette()) for one in pictures))
         register(avatar, sightings, silhouettes, painted, slides, rises)
         store.renew(store.age + 1)
-    painted([Picture.of(one, *pair).sighting(part) for one, pair in chosen], ROUNDS)
+    seen = [Picture.of(one, *pair).sighting(part) for one, pair in chosen]
+    if part == "face":
+        pixels = [lit_pixels(avatar, one) for one in seen]
+        avatar.light.face.copy_(fit_light(avatar.light.face, pixels, len(detail.texel)))
+    painted(seen, ROUNDS)
     last = field.colour_net.mlp[-1] if isinstance(field, FaceField) else field.colour_blend[-1]
     for parameter in last.parameters():
         parameter.zero_()
@@ -161,7 +166,11 @@ class Picture:
 
 def project(avatar: Avatar, sighting: Sighting, part: str) -> Projected:
     """A picture's pixels on the texels of `body` or `face`."""
-    places, light = (_on_face if part == "face" else _on_body)(avatar, sighting)
+    if part == "face":
+        places, normal = _on_face(avatar, sighting)
+        light = sighting.light(avatar).on_face(normal)
+    else:
+        places, light = _on_body(avatar, sighting)
     albedo = (sighting.colour / light).clamp(0, 1)
     return Projected(places.texel, places.share * sighting.weight[:, None], albedo)
 
@@ -175,7 +184,7 @@ def _on_body(avatar: Avatar, sighting: Sighting) -> tuple[TexelPlaces, Tensor]:
 
 
 def _on_face(avatar: Avatar, sighting: Sighting) -> tuple[TexelPlaces, Tensor]:
-    """The same of the face."""
+    """Texels about points of the face, and its normals there, root frame."""
     face = avatar.parts["face"]
     assert isinstance(face, Face)
     root_from_face, position = sighting.posed.root_from_part("face"), sighting.position
@@ -183,7 +192,15 @@ def _on_face(avatar: Avatar, sighting: Sighting) -> tuple[TexelPlaces, Tensor]:
     state = face_state(sighting.states)
     places = face.places(state, points.position)
     assert places is not None
-    return places, face.light(state, points)
+    return places, face.facing(state, points)
+
+
+def lit_pixels(avatar: Avatar, sighting: Sighting) -> LitPixels:
+    """A picture's pixels on the texels of the face, as they are turned in the frame of the light."""
+    places, normal = _on_face(avatar, sighting)
+    if avatar.light.frame == "world":
+        normal = normal @ torch.as_tensor(sighting.world_from_root[:3, :3].T.copy()).to(normal)
+    return LitPixels(places.texel, places.share * sighting.weight[:, None], sighting.colour, normal)
 
 
 def paint(detail: DetailTexture, pictures: list[Projected], where: str, rounds: int = ROUNDS) -> None:
