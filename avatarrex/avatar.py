@@ -30,7 +30,7 @@ from avatarrex.templates.parts import HANDS, PARTS
 from avatarrex.templates.person import Person
 from avatarrex.templates.posed import pose_person
 
-FORMAT = 5
+FORMAT = 4
 """Version of the folder layout; a reader refuses a newer one by name."""
 
 

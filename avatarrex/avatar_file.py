@@ -41,7 +41,7 @@ from avatarrex.templates.person import load_person, resize_person
 from avatarrex.templates.person_fit import PersonFit
 
 log = logging.getLogger(__name__)
-SINCE = {"tone.": 2, "light.": 3, "light.face": 5, "body.code_network.least": 3, "body.code_network.most": 3}
+SINCE = {"tone.": 2, "light.": 3, "body.code_network.least": 3, "body.code_network.most": 3}
 """Format since which there are weights of such names; avatars of before have the identity."""
 DETAILED = ("body", "face")
 """Parts with static detail: `PART.detail.texel`, the albedo of each texel, bytes; `PART.detail.edge`, the texels along the edges of
@@ -55,6 +55,8 @@ SLIDE = "body.slide.share"
 """What an avatar whose cloth slides has."""
 RELIEF = "body.relief"
 """What an avatar whose surface was registered to pictures has."""
+FACE_LIGHT = "light.face"
+"""What an avatar whose face was trained with a light of its own has."""
 SURFACE = surface_file.FILE
 WHOLE = "an avatar folder or a whole .avatar file"
 LARGEST_WEIGHT = float(torch.finfo(torch.half).max)
@@ -253,7 +255,7 @@ def _is_below(number: Tensor, count: int) -> bool:
 
 
 def _expect(path: Path, avatar: Avatar, state: dict[str, Tensor]) -> None:
-    """Give the fields static detail, slide, relief and outgrowth, whose tensors are in `state`, after checking what these must be."""
+    """Give fields and light what not every avatar has, of which tensors are in `state`, after checking what these must be."""
     for part, faces in zip(DETAILED, (len(avatar.person.body.faces), len(avatar.person.face.faces))):
         name = f"{part}.detail.edge"
         if name in state and (state[name].dtype, tuple(state[name].shape)) != (torch.uint8, (faces,)):
@@ -273,12 +275,17 @@ def _expect(path: Path, avatar: Avatar, state: dict[str, Tensor]) -> None:
     if HUNG in state and not _is_below(state[HUNG], joints):
         expected = f"the number of a joint, 0 to {joints - 1}"
         raise InputError(path, f"weights.safetensors: {HUNG}", expected, state[HUNG].tolist())
-    shapes = {SLIDE: (len(avatar.body.node_vertex), JOINTS), RELIEF: (len(avatar.body.anchor_vertex),)}
+    shapes = {
+        SLIDE: (len(avatar.body.node_vertex), JOINTS),
+        RELIEF: (len(avatar.body.anchor_vertex),),
+        FACE_LIGHT: (8, 3),
+    }
     for name, shape in shapes.items():
         if name in state and tuple(state[name].shape) != shape:
             raise InputError(path, f"weights.safetensors: {name}", f"numbers {shape}", tuple(state[name].shape))
     avatar.body.expect({name.removeprefix("body."): value for name, value in state.items()})
     avatar.face.expect({name.removeprefix("face."): value for name, value in state.items()})
+    avatar.light.expect({name.removeprefix("light."): value for name, value in state.items()})
 
 
 def _fill(path: Path, avatar: Avatar, state: dict[str, Tensor], format: int) -> None:

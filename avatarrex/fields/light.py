@@ -5,8 +5,8 @@
 Ours. The paper's colours know pose and view alone: a limb that is turned as in no training picture keeps the light of where it
 hung, a person who turns the light that was in front. Diffuse light is smooth in the normal: nine harmonics have 99 % of it
 (Ramamoorthi and Hanrahan 2001), so that eight numbers a channel serve the whole person. n is where the body's anchors, or the
-hand's mesh, face: it turns with the limb and is smooth; what is finer stays in c_net. The face has eight harmonics of its own, of the
-light on its rig, and n of its surface; its tone mapping follows. E = 1 until it is trained.
+hand's mesh, face: it turns with the limb and is smooth; what is finer stays in c_net. A face that is trained has eight
+harmonics of its own, of the light on its rig, and n of its surface; its tone mapping follows. E = 1 until it is trained.
 
 Lamps stand still (`world`): a person who turns is lit from another side. A capture may have drawn a light that turns with the person
 (`root`), as avatars of before have it. Colours are evaluated in the root frame, where the light of the world is turned (`Light.over`).
@@ -16,6 +16,7 @@ Letters: p points.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -75,9 +76,27 @@ class Light(nn.Module):
         super().__init__()
         self.frame = frame
         self.harmonics = nn.Parameter(torch.zeros(8, 3))
-        self.face = nn.Parameter(torch.zeros(8, 3))
+        self.face: nn.Parameter | None
+        self.register_parameter("face", None)
         module: Any = self  # its hooks are untyped in torch
-        module.register_load_state_dict_pre_hook(_unlit_face)
+        module.register_load_state_dict_pre_hook(_expect)
+
+    def light_face(self) -> None:
+        """Let the face have a light of its own, E = 1 until it is trained, unless it has one."""
+        if self.face is None:
+            self.face = nn.Parameter(torch.zeros_like(self.harmonics), requires_grad=self.harmonics.requires_grad)
+
+    def expect(self, state: Mapping[str, Tensor]) -> None:
+        """Have the light on the face that a state to be loaded has, or none."""
+        self.face = None
+        if "face" in state:
+            self.light_face()
+
+    def learnt_with(self, part: str) -> list[nn.Parameter]:
+        """What the training of `body`, with the hands, or `face` learns of it."""
+        if part == "body":
+            return [self.harmonics]
+        return [] if self.face is None else [self.face]
 
     def forward(self, normal: Float[Tensor, "p 3"]) -> Float[Tensor, "p 3"]:
         """E of unit normals of body and hands in the root frame of a person who is not turned."""
@@ -97,9 +116,8 @@ def basis(normal: Float[Tensor, "p 3"]) -> Float[Tensor, "p 8"]:
     return torch.stack([x, y, z, x * y, y * z, z * x, (3 * z * z - 1) / 2, (x * x - y * y) / 2], -1)
 
 
-def _unlit_face(light: Light, state: dict[str, Tensor], prefix: str, *rest: Any) -> None:
-    """Weights of before a face had a light: E = 1 there."""
-    state.setdefault(prefix + "face", torch.zeros_like(light.face))
+def _expect(light: Light, state: dict[str, Tensor], prefix: str, *rest: Any) -> None:
+    light.expect({name.removeprefix(prefix): value for name, value in state.items() if name.startswith(prefix)})
 
 
 def _irradiance(harmonics: Float[Tensor, "8 3"], normal: Float[Tensor, "p 3"]) -> Float[Tensor, "p 3"]:

@@ -55,6 +55,7 @@ def test_a_light_of_the_world_stands_still_when_the_person_turns():
     world[:3, :3] = Rotation.from_rotvec([0.3, 1.2, -0.4]).as_matrix()
     light, along = Light("world").requires_grad_(False), Light("root")
     drawn = torch.Generator().manual_seed(3)
+    light.light_face()
     for harmonics in (light.harmonics, light.face):
         torch.nn.init.normal_(harmonics, 0.0, 0.3, generator=drawn)
     along.load_state_dict(light.state_dict())
@@ -95,25 +96,25 @@ def test_a_light_differs_where_the_faces_does():
     assert torch.equal(bare.on_face(directions(9)), torch.ones(9, 3))
 
 
-def test_an_avatar_of_format_4_has_no_light_on_its_face(tmp_path):
+def test_avatars_of_before_have_no_light_on_their_faces(tmp_path):
     avatar = Avatar.create(load_person(), "compact")
-    for harmonics in (avatar.light.harmonics, avatar.light.face):
-        torch.nn.init.constant_(harmonics, 0.25)
+    save_avatar(avatar, tmp_path / "old")
+    assert load_avatar(tmp_path / "old").light.face is None
+    avatar.light.light_face()
+    torch.nn.init.constant_(avatar.light.face, 0.25)
+    avatar.light.light_face()
     save_avatar(avatar, tmp_path / "new")
-    assert torch.equal(load_avatar(tmp_path / "new").light.face, avatar.light.face)
+    face = load_avatar(tmp_path / "new").light.face
+    assert torch.equal(face, avatar.light.face)
+    assert not face.requires_grad
+    assert torch.equal(avatar.frozen_copy().light.face, face)
     state = safetensors.torch.load((tmp_path / "new/weights.safetensors").read_bytes())
-    state.pop("light.face")
+    state["light.face"] = state["light.face"][:7]
     (tmp_path / "new/weights.safetensors").write_bytes(safetensors.torch.save(state))
     with pytest.raises(InputError, match=r"light\.face"):
         load_avatar(tmp_path / "new")
-    meta = json.loads((tmp_path / "new/avatar.json").read_text())
-    (tmp_path / "new/avatar.json").write_text(json.dumps(meta | {"format": 4}))
-    before = load_avatar(tmp_path / "new").light
-    assert float(before.face.abs().max()) == 0
-    assert torch.equal(before.harmonics, avatar.light.harmonics)
-    checkpoint = {"harmonics": avatar.light.harmonics}
-    before.load_state_dict(checkpoint)
-    assert float(before.face.abs().max()) == 0, "of a run of before"
+    avatar.light.load_state_dict({"harmonics": avatar.light.harmonics})
+    assert avatar.light.face is None, "a checkpoint of before"
 
 
 def test_it_never_goes_out():
@@ -149,7 +150,7 @@ def test_an_avatar_of_format_2_has_none_and_free_codes(tmp_path):
         state = safetensors.torch.load(archive.read("weights.safetensors"))
     newer = ("light.", "body.code_network.least", "body.code_network.most")
     old = {name: value for name, value in state.items() if not name.startswith(newer)}
-    assert len(old) == len(state) - 4
+    assert len(old) == len(state) - 3
     with zipfile.ZipFile(tmp_path / "old.avatar", "w") as archive:
         archive.writestr("avatar.json", json.dumps(meta | {"format": 2}))
         archive.writestr("weights.safetensors", safetensors.torch.save(old))

@@ -46,7 +46,9 @@ def fit_light(harmonics: Float[Tensor, "8 3"], pictures: Sequence[LitPixels], te
         square, right = torch.zeros(3, 8, 8), torch.zeros(3, 8)
         for one in pictures:
             off, weight = _residual(found, one, albedo)
-            slope = basis(one.normal)[:, None] - Irradiance(found)(one.normal).mean(-1)[:, None, None] * change[one.texel]
+            slope = (
+                basis(one.normal)[:, None] - Irradiance(found)(one.normal).mean(-1)[:, None, None] * change[one.texel]
+            )
             for channel in range(3):
                 tone = albedo[one.texel, channel]
                 row = (tone[..., None] * slope).flatten(0, 1)

@@ -188,7 +188,7 @@ class BodyPass(VolumePass):
         """See `VolumePass`."""
         modules = (self.avatar.body, self.avatar.left_hand, self.avatar.right_hand, self.avatar.tone)
         own = (p for module in modules for p in module.parameters())
-        return [*own, self.avatar.light.harmonics, self.frame_codes]
+        return [*own, *self.avatar.light.learnt_with("body"), self.frame_codes]
 
     def field(self, frame: TrainingFrame, noise: torch.Generator) -> tuple[TrainedField, dict[str, Tensor]]:
         """The body with a latent drawn from its posterior."""
@@ -214,7 +214,7 @@ class FacePass(VolumePass):
 
     def parameters(self) -> list[nn.Parameter]:
         """See `VolumePass`."""
-        return [*self.avatar.face.parameters(), self.avatar.light.face]
+        return [*self.avatar.face.parameters(), *self.avatar.light.learnt_with("face")]
 
     def field(self, frame: TrainingFrame, noise: torch.Generator) -> tuple[TrainedField, dict[str, Tensor]]:
         """The face; where its mesh is the person's own, the surface stays by it."""

@@ -59,10 +59,10 @@ class PatchPass:
     def parameters(self) -> list[nn.Parameter]:
         """The colour networks, and the light on them."""
         if self.part == "face":
-            return [*self.avatar.face.colour_parameters(), self.avatar.light.face]
+            return [*self.avatar.face.colour_parameters(), *self.avatar.light.learnt_with("face")]
         others = (self.avatar.left_hand, self.avatar.right_hand, self.avatar.tone)
         own = (p for module in others for p in module.parameters())
-        return [*self.avatar.body.colour_parameters(), *own, self.avatar.light.harmonics]
+        return [*self.avatar.body.colour_parameters(), *own, *self.avatar.light.learnt_with("body")]
 
     def step(self, step: int, gamma: float) -> StepResult:
         """Mean of the terms over a batch of patches; the same for the same step and weights.

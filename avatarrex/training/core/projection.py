@@ -92,7 +92,7 @@ def start_from_pictures(
         register(avatar, sightings, silhouettes, painted, slides, rises)
         store.renew(store.age + 1)
     seen = [Picture.of(one, *pair).sighting(part) for one, pair in chosen]
-    if part == "face":
+    if part == "face" and avatar.light.face is not None:
         pixels = [lit_pixels(avatar, one) for one in seen]
         avatar.light.face.copy_(fit_light(avatar.light.face, pixels, len(detail.texel)))
     painted(seen, ROUNDS)

@@ -139,6 +139,8 @@ class Trainer:
         if state is None and number == 0:
             self._warm_start()
             self.group.agree(self.avatar.modules().values())
+        if state is None and stage.part == "face" and stage.name == "I":
+            self.avatar.light.light_face()
         if state is None and stage.part == "body":
             self._clamp_codes(rig, stage.recipe)
         unseen = self.hidden | {"left_hand", "right_hand"} if stage.part == "face" else self.hidden
