@@ -91,10 +91,23 @@ def refined(
     """`grid` with bricks of side³ voxels in the cells `seen` (flat) and those of `kept`, made for the same frame."""
 
     def evaluate(place: np.ndarray) -> np.ndarray:
-        return evaluated(body, grid.origin + grid.voxel * place, counters)
+        value = _stored(grid, place)
+        rows = np.flatnonzero(np.isnan(value))
+        value[rows] = evaluated(body, grid.origin + grid.voxel * place[rows], counters)
+        return value
 
     bricks = grow_bricks(grid.sdf.numpy(), grid.voxel, side, seen, evaluate, kept)
     return replace(grid, bricks=bricks)
+
+
+def _stored(grid: BodyGrid, place: np.ndarray) -> np.ndarray:
+    """What the field was evaluated to at those `place`s (p, 3), in voxels, that are voxels; NaN at the others."""
+    value = np.full(len(place), np.nan, dtype=np.float32)
+    if grid.known is not None:
+        rows = np.flatnonzero((place == np.rint(place)).all(1))
+        voxel = tuple(place[rows, ::-1].astype(int).T)
+        value[rows] = np.where(grid.known[voxel], grid.sdf.numpy()[voxel], np.nan)
+    return value
 
 
 def evaluated(

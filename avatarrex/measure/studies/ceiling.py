@@ -61,6 +61,7 @@ from avatarrex.training.core.pixels import training_pairs
 from avatarrex.training.core.projection import FACING, OPAQUE, PICTURES, Projected, paint
 from avatarrex.volume.body_grid import BOX_MARGIN, lattice_around
 from avatarrex.volume.bricks import grow_bricks
+from avatarrex.volume.narrow_band import crossed
 from avatarrex.volume.sdf_volume import BodyGrid, SdfVolume
 
 SPACING = {"body": 0.002, "face": 0.001}
@@ -166,13 +167,6 @@ def closed_pieces(vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 
     open_ones = piece[known[(count == 1) & (known[:, 0] != known[:, 1]), 0]]
     closed: np.ndarray = ~np.isin(piece[corner[:, 0]], open_ones)
     return closed
-
-
-def crossed(inside: Bool[np.ndarray, "z y x"]) -> Int[np.ndarray, "c 3"]:
-    """Cells (z, y, x) that have corners on both sides."""
-    ends = (slice(None, -1), slice(1, None))
-    corners = np.stack([inside[z, y, x] for z in ends for y in ends for x in ends])
-    return np.argwhere(corners.any(0) & ~corners.all(0))
 
 
 @dataclass(frozen=True, eq=False)
