@@ -20,7 +20,7 @@ from avatarrex.counters import Counters
 from avatarrex.fields.body_without_hands import BodyWithoutHands
 from avatarrex.fields.composition import EMPTIED
 from avatarrex.fields.template_distance import NearestSkin, TemplateDistance
-from avatarrex.volume.bricks import Bricks, grow_bricks
+from avatarrex.volume.bricks import RINGS, Bricks, grow_bricks
 from avatarrex.volume.lattice import Lattice
 from avatarrex.volume.narrow_band import settle
 from avatarrex.volume.sdf_volume import BodyGrid
@@ -84,11 +84,11 @@ def refined(
     body: BodyWithoutHands,
     grid: BodyGrid,
     seen: np.ndarray,
-    side: int,
+    bricks: Bricks,
     counters: Counters,
-    kept: Bricks | None,
+    rings: int = RINGS,
 ) -> BodyGrid:
-    """`grid` with bricks of side³ voxels in the cells `seen` (flat) and those of `kept`, made for the same frame."""
+    """`grid` with `bricks` of the same frame and those of the cells `seen` (flat), and how many `rings` of cells farther."""
 
     def evaluate(place: np.ndarray) -> np.ndarray:
         value = _stored(grid, place)
@@ -96,8 +96,7 @@ def refined(
         value[rows] = evaluated(body, grid.origin + grid.voxel * place[rows], counters)
         return value
 
-    bricks = grow_bricks(grid.sdf.numpy(), grid.voxel, side, seen, evaluate, kept)
-    return replace(grid, bricks=bricks)
+    return replace(grid, bricks=grow_bricks(grid.sdf.numpy(), grid.voxel, bricks, seen, evaluate, rings))
 
 
 def _stored(grid: BodyGrid, place: np.ndarray) -> np.ndarray:

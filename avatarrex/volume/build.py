@@ -146,8 +146,8 @@ def refine_volume(
 ) -> AvatarVolume:
     """`volume` with bricks of side³ voxels in the body cells `cells` (flat), besides those that `previous` has."""
     kept = previous.sdf.body.bricks if previous and previous.grid is volume.grid else None
-    kept = kept if kept and kept.side == side else None
-    grid = refined(volume.body, volume.grid, cells, side, counters, kept)
+    kept = kept if kept and kept.side == side else Bricks.none(side, volume.grid.sdf.numpy())
+    grid = refined(volume.body, volume.grid, cells, kept, counters)
     if grid.bricks is volume.sdf.body.bricks:
         return volume
     return replace(volume, sdf=SdfVolume(grid, volume.sdf.parts))

@@ -1,7 +1,8 @@
 """Thin limbs: forearms and wrists are stored in bricks whatever a view meets (`RenderSettings.thin`).
 
 Between voxels of side h a limb of radius R is stored up to h²/8R too thin: 2.5 mm of a wrist of 2 cm by voxels of 2 cm, a quarter of that by
-half of them. Which cells are cut depends on the body alone, so that a turned view finds them and training, distillation and metrics see the same.
+half of them. Which cells are cut depends on the body alone: a turned view finds them there, and training, distillation
+and metrics see the same.
 
 Letters: v template vertices, c cells. Root frame, metres.
 """
@@ -19,15 +20,18 @@ from avatarrex.volume.bricks import Bricks
 from avatarrex.volume.narrow_band import crossed
 from avatarrex.volume.sdf_volume import BodyGrid
 
+RINGS = 1
+"""How many cells the bricks follow the surface into cells that the grid has none in. Each is a round of evaluations."""
+
 
 def thin_bricks(
     body: BodyWithoutHands, grid: BodyGrid, thin: Bool[np.ndarray, " v"], side: int, counters: Counters
 ) -> Bricks | None:
-    """Bricks of side³ voxels where `grid` holds surface nearest to `thin` vertices, and a few cells on; None where it holds none."""
+    """Bricks of side³ voxels where `grid` holds surface nearest to `thin` vertices; None where it holds none."""
     cell = crossed(grid.sdf.numpy() < 0)
     centre = grid.origin + grid.voxel * (cell[:, ::-1] + 0.5)
     cell = cell[thin[closest_vertex(body.skin.closest, centre)[1]]]
     if not len(cell):
         return None
     seen = np.ravel_multi_index(tuple(cell.T), tuple(n - 1 for n in grid.sdf.shape))
-    return refined(body, grid, seen, side, counters, None).bricks
+    return refined(body, grid, seen, Bricks.none(side, grid.sdf.numpy()), counters, RINGS).bricks

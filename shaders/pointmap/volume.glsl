@@ -31,11 +31,10 @@ layout(std140, binding = 1) uniform View {
     vec2 u_middle;     // pixel position of the ray that meets the plane in u_point
     ivec2 u_image;     // width, height
 };
-layout(binding = 0) uniform sampler3D u_body;
+layout(binding = 0) uniform sampler3D u_body;  // with bricks: behind the grid's layers theirs, u_brick_row along x and y
 layout(binding = 3) uniform sampler3D u_part[PART_COUNT];
 layout(binding = CONTACT_UNIT) uniform sampler3D u_contact[PART_COUNT];
 layout(binding = 1) uniform sampler3D u_brick_number;  // per body cell, from 1; 0 where there is none
-layout(binding = 2) uniform sampler3D u_bricks;        // all bricks, u_brick_row along x and y
 
 struct Field {
     float sdf;
@@ -64,9 +63,10 @@ int brick_at(vec3 place) {
 
 vec3 brick_place(int brick, vec3 place) {
     vec3 cell = clamp(floor(place), vec3(0), u_last - 1);
-    int row = u_brick_row;
-    vec3 tile = vec3(brick % row, brick / row % row, brick / (row * row));
-    return tile * (u_brick_side + 1) + clamp(place - cell, 0, 1) * u_brick_side;
+    // Divided as floats, half a brick off: processors have no division of several integers at once.
+    float row = float(u_brick_row), line = floor((brick + 0.5) / row), layer = floor((line + 0.5) / row);
+    vec3 tile = vec3(brick - line * row, line - layer * row, layer);
+    return vec3(0, 0, u_last.z + 1) + tile * (u_brick_side + 1) + clamp(place - cell, 0, 1) * u_brick_side;
 }
 
 vec3 body_place(vec3 p) { return (p - u_origin) / u_voxel; }
@@ -86,14 +86,14 @@ vec3 body_place(vec3 p) { return (p - u_origin) / u_voxel; }
 // lib/trilinear.glsl.
 #define DEFINE_FIELD(NAME, SAMPLE) \
 Field NAME(vec3 p, vec3 place, PartTruths inside) { \
-    float body = SAMPLE(u_body, place).x, cell = u_voxel; \
+    float cell = u_voxel; \
+    vec3 stored = place; \
     if (BRICKS == 1) { \
         int brick = brick_at(place); \
-        if (brick >= 0) { \
-            body = SAMPLE(u_bricks, brick_place(brick, place)).x; \
-            cell = u_voxel / u_brick_side; \
-        } \
+        stored = brick < 0 ? clamp(place, vec3(0), u_last) : brick_place(brick, place); \
+        cell = brick < 0 ? u_voxel : u_voxel / u_brick_side; \
     } \
+    float body = SAMPLE(u_body, stored).x; \
     Field f = Field(body, abs(body), cell, cell, PartNumbers(0)); \
     if (PARTS == 0) return f; \
     body += u_voxel * length(place - clamp(place, vec3(0), body_last())); \

@@ -60,7 +60,7 @@ from avatarrex.training.core.exposure import exposed_as
 from avatarrex.training.core.pixels import training_pairs
 from avatarrex.training.core.projection import FACING, OPAQUE, PICTURES, Projected, paint
 from avatarrex.volume.body_grid import BOX_MARGIN, lattice_around
-from avatarrex.volume.bricks import grow_bricks
+from avatarrex.volume.bricks import Bricks, grow_bricks
 from avatarrex.volume.narrow_band import crossed
 from avatarrex.volume.sdf_volume import BodyGrid, SdfVolume
 
@@ -139,9 +139,8 @@ class TrueMeshes:
             centre = grid.origin + grid.voxel * (np.stack([x, y, z], 1) + 0.5)
             met = met[cKDTree(self._parts(signals)).query(centre, distance_upper_bound=NEAR_PARTS)[0] < NEAR_PARTS]
         cells = np.ravel_multi_index(tuple(met.T), tuple(side - 1 for side in sdf.shape))
-        bricks = grow_bricks(
-            sdf, grid.voxel, finer.side, cells, lambda place: distance(grid.origin + grid.voxel * place)
-        )
+        none = Bricks.none(finer.side, sdf)
+        bricks = grow_bricks(sdf, grid.voxel, none, cells, lambda place: distance(grid.origin + grid.voxel * place))
         return SdfVolume(replace(grid, bricks=bricks))
 
     def _parts(self, signals: Signals) -> Float[np.ndarray, "k 3"]:
