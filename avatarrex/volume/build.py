@@ -31,7 +31,7 @@ from avatarrex.volume.part_box import UnplacedBox, build_part_box
 from avatarrex.volume.sdf_volume import BodyGrid, PartBox, SdfVolume
 from avatarrex.volume.small_components import without_small_components
 from avatarrex.volume.temporal_reuse import ChangedRegion, PreviousGrid, ReusableBody, reuse_unchanged
-from avatarrex.volume.thin_limbs import thin_bricks
+from avatarrex.volume.thin_limbs import with_thin_limbs
 
 
 @dataclass(frozen=True)
@@ -71,9 +71,9 @@ class BuiltBody:
 
     field: BodyWithoutHands
     grid: BodyGrid
+    stored: BodyGrid
+    """`grid` with the bricks of thin limbs."""
     changed: ChangedRegion | None
-    thin: Bricks | None = None
-    """Of its thin limbs."""
 
 
 @dataclass(frozen=True)
@@ -83,9 +83,9 @@ class AvatarVolume:
     sdf: SdfVolume
     body: BodyWithoutHands
     grid: BodyGrid
-    """Without bricks: those of `sdf` are of thin limbs, or grow with what is seen."""
-    thin: Bricks | None
-    """Of thin limbs."""
+    """Without bricks."""
+    stored: BodyGrid
+    """`grid` with the bricks of thin limbs; those that a view adds are in `sdf` alone."""
     parts: dict[str, BuiltPart]
     changed: ChangedRegion | None
     """Where the body differs from that of the previous frame, some of whose state it reuses; None: it is exact."""
@@ -133,8 +133,8 @@ def build_volume(
             boxes.append(next(box for box in previous.sdf.parts if box.name == name))
         else:
             boxes.append(_place(body, part.box, posed.root_from_part(name), counters))
-    sdf = SdfVolume(replace(body.grid, bricks=body.thin), tuple(boxes))
-    return AvatarVolume(sdf, body.field, body.grid, body.thin, parts, body.changed, key)
+    sdf = SdfVolume(body.stored, tuple(boxes))
+    return AvatarVolume(sdf, body.field, body.grid, body.stored, parts, body.changed, key)
 
 
 def refine_volume(
@@ -236,9 +236,9 @@ def _pieces(
     if previous:
         kept = {name: previous.parts[name] for name in key.parts if previous.key.parts.get(name) == key.parts[name]}
         if previous.key.body == key.body and _enough(previous, settings):
-            body = BuiltBody(previous.body, previous.grid, previous.changed, previous.thin)
+            body = BuiltBody(previous.body, previous.grid, previous.stored, previous.changed)
             if previous.key.thin != key.thin:
-                body = _with_thin_limbs(avatar, body, settings, counters)
+                body = replace(body, stored=_stored(avatar, body.field, body.grid, settings, counters))
     work = SideBySide()
     common = avatar, posed, settings, counters
     new_body = None if body else work.add(_body, *common, _reusable(previous, key, settings))
@@ -271,13 +271,15 @@ def _body(
     kept = PreviousGrid(before.grid, state.changed) if before and state.changed else None
     grid = build_body_grid(body, settings.voxel, counters, settings.everywhere, kept)
     grid = grid if settings.everywhere else without_small_components(grid)
-    return _with_thin_limbs(avatar, BuiltBody(body, grid, state.changed), settings, counters)
+    return BuiltBody(body, grid, _stored(avatar, body, grid, settings, counters), state.changed)
 
 
-def _with_thin_limbs(avatar: Avatar, body: BuiltBody, settings: RenderSettings, counters: Counters) -> BuiltBody:
-    """`body` with the bricks of its thin limbs that `settings` want."""
+def _stored(
+    avatar: Avatar, body: BodyWithoutHands, grid: BodyGrid, settings: RenderSettings, counters: Counters
+) -> BodyGrid:
+    """`grid` with the bricks of thin limbs that `settings` want."""
     side = _thin_side(settings)
-    return replace(body, thin=thin_bricks(body.field, body.grid, avatar.person.thin, side, counters) if side else None)
+    return with_thin_limbs(body, grid, avatar.person.thin, side, counters) if side else grid
 
 
 def _prepared(previous: AvatarVolume | None, key: VolumeKey, name: str) -> PartState | None:

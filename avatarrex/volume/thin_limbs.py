@@ -24,14 +24,14 @@ RINGS = 1
 """How many cells the bricks follow the surface into cells that the grid has none in. Each is a round of evaluations."""
 
 
-def thin_bricks(
+def with_thin_limbs(
     body: BodyWithoutHands, grid: BodyGrid, thin: Bool[np.ndarray, " v"], side: int, counters: Counters
-) -> Bricks | None:
-    """Bricks of side³ voxels where `grid` holds surface nearest to `thin` vertices; None where it holds none."""
+) -> BodyGrid:
+    """`grid` with bricks of side³ voxels where it holds surface nearest to `thin` vertices; itself where it holds none."""
     cell = crossed(grid.sdf.numpy() < 0)
     centre = grid.origin + grid.voxel * (cell[:, ::-1] + 0.5)
     cell = cell[thin[closest_vertex(body.skin.closest, centre)[1]]]
     if not len(cell):
-        return None
+        return grid
     seen = np.ravel_multi_index(tuple(cell.T), tuple(n - 1 for n in grid.sdf.shape))
-    return refined(body, grid, seen, Bricks.none(side, grid.sdf.numpy()), counters, RINGS).bricks
+    return refined(body, grid, seen, Bricks.none(side, grid.sdf.numpy()), counters, RINGS)

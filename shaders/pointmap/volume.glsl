@@ -21,9 +21,9 @@ layout(std140, binding = 1) uniform View {
     vec3 u_origin;     // centre of the body grid's voxel 0
     float u_voxel;     // side of a body voxel
     vec3 u_last;       // the last body voxel (the texture may be larger)
-    int u_brick_side;  // fine voxels along a body voxel
+    float u_brick_side;  // fine voxels along a body voxel
     vec3 u_point;      // root metres
-    int u_brick_row;
+    float u_brick_row;
     vec3 u_gaze;       // u_point minus the camera centre
     uint u_slots;      // edge pixels that there is room for
     vec3 u_across;     // on the plane, metres per pixel
@@ -55,18 +55,18 @@ bool in_box(int k, vec3 p) {
     return all(greaterThanEqual(local, vec3(0))) && all(lessThanEqual(local, in_part[k].size));
 }
 
-// Which brick refines the cell that holds `place` (body voxels), from 0; negative where none does.
-int brick_at(vec3 place) {
-    ivec3 cell = clamp(ivec3(floor(place)), ivec3(0), ivec3(u_last) - 1);
-    return int(texelFetch(u_brick_number, cell, 0).x) - 1;
-}
+vec3 cell_of(vec3 place) { return clamp(floor(place), vec3(0), u_last - 1); }
 
-vec3 brick_place(int brick, vec3 place) {
-    vec3 cell = clamp(floor(place), vec3(0), u_last - 1);
-    // Divided as floats, half a brick off: processors have no division of several integers at once.
-    float row = float(u_brick_row), line = floor((brick + 0.5) / row), layer = floor((line + 0.5) / row);
-    vec3 tile = vec3(brick - line * row, line - layer * row, layer);
-    return vec3(0, 0, u_last.z + 1) + tile * (u_brick_side + 1) + clamp(place - cell, 0, 1) * u_brick_side;
+// Which brick refines a cell, from 0; negative where none does.
+float brick_of(vec3 cell) { return texelFetch(u_brick_number, ivec3(cell), 0).x - 1; }
+
+// Where `place` (body voxels) is stored in u_body: in a brick or, with `brick` negative, in the grid. Divided as floats, half a
+// brick off: processors have no division of several integers at once.
+vec3 stored_place(vec3 place, vec3 cell, float brick) {
+    float row = u_brick_row, line = floor((brick + 0.5) / row), layer = floor((line + 0.5) / row);
+    vec3 tile = vec3(brick - line * row, line - layer * row, layer) * (u_brick_side + 1) + vec3(0, 0, u_last.z + 1);
+    vec3 within = clamp(place - cell, 0, 1);
+    return brick < 0 ? cell + within : tile + within * u_brick_side;
 }
 
 vec3 body_place(vec3 p) { return (p - u_origin) / u_voxel; }
@@ -89,9 +89,10 @@ Field NAME(vec3 p, vec3 place, PartTruths inside) { \
     float cell = u_voxel; \
     vec3 stored = place; \
     if (BRICKS == 1) { \
-        int brick = brick_at(place); \
-        stored = brick < 0 ? clamp(place, vec3(0), u_last) : brick_place(brick, place); \
-        cell = brick < 0 ? u_voxel : u_voxel / u_brick_side; \
+        vec3 cell_place = cell_of(place); \
+        float brick = brick_of(cell_place); \
+        stored = stored_place(place, cell_place, brick); \
+        if (brick >= 0) cell /= u_brick_side; \
     } \
     float body = SAMPLE(u_body, stored).x; \
     Field f = Field(body, abs(body), cell, cell, PartNumbers(0)); \

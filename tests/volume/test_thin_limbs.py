@@ -47,8 +47,8 @@ def centres(volume: AvatarVolume, cell: np.ndarray) -> np.ndarray:
 
 def cells_with_bricks(volume: AvatarVolume) -> np.ndarray:
     """(c, 3)."""
-    assert volume.thin is not None
-    return np.stack(np.unravel_index(volume.thin.cell, volume.thin.number.shape), -1)
+    assert volume.stored.bricks is not None
+    return np.stack(np.unravel_index(volume.stored.bricks.cell, volume.stored.bricks.number.shape), -1)
 
 
 def test_thin_vertices_are_those_from_elbow_to_wrist_on_both_sides(avatar: Avatar) -> None:
@@ -68,8 +68,8 @@ def test_every_cell_that_holds_their_surface_is_a_brick_and_few_others_are(
 ) -> None:
     cell = crossed(volume.grid.sdf.numpy() < 0)
     thin = avatar.person.thin[closest_vertex(volume.skin.closest, centres(volume, cell))[1]]
-    assert volume.thin is not None
-    number = volume.thin.number.numpy()
+    assert volume.stored.bricks is not None
+    number = volume.stored.bricks.number.numpy()
     assert (number[tuple(cell[thin].T)] > 0).all()
     assert (number > 0).sum() < 1.2 * thin.sum() < 0.1 * len(cell)
 
@@ -78,7 +78,7 @@ def test_forearms_are_nearer_to_the_field_and_the_rest_is_as_it_was(
     avatar: Avatar, posed: PosedPerson, volume: AvatarVolume
 ) -> None:
     plain = build_volume(avatar, posed, replace(SETTINGS, thin=0), Counters(), None)
-    assert plain.thin is plain.sdf.body.bricks is None
+    assert plain.stored is plain.sdf.body is plain.grid
     assert torch.equal(plain.grid.sdf, volume.grid.sdf)
     shift = np.random.default_rng(0).uniform(-0.5, 0.5, (4, 1, 3)) * volume.grid.voxel
     points = torch.from_numpy((centres(volume, cells_with_bricks(volume)) + shift).reshape(-1, 3)).float()
@@ -97,9 +97,9 @@ def test_forearms_are_nearer_to_the_field_and_the_rest_is_as_it_was(
 
 def test_what_the_grid_evaluated_is_not_evaluated_again(avatar: Avatar, volume: AvatarVolume) -> None:
     side, counters, all_counters = 2, Counters(), Counters()
-    found = thin_limbs.thin_bricks(volume.body, volume.grid, avatar.person.thin, side, counters)
+    found = thin_limbs.with_thin_limbs(volume.body, volume.grid, avatar.person.thin, side, counters).bricks
     forgetful = replace(volume.grid, known=None)
-    anew = thin_limbs.thin_bricks(volume.body, forgetful, avatar.person.thin, side, all_counters)
+    anew = thin_limbs.with_thin_limbs(volume.body, forgetful, avatar.person.thin, side, all_counters).bricks
     assert found is not None
     assert anew is not None
     assert np.array_equal(found.cell, anew.cell)
@@ -109,7 +109,7 @@ def test_what_the_grid_evaluated_is_not_evaluated_again(avatar: Avatar, volume: 
 
 def test_nothing_is_thin_where_no_surface_is(avatar: Avatar, volume: AvatarVolume) -> None:
     none = np.zeros_like(avatar.person.thin)
-    assert thin_limbs.thin_bricks(volume.body, volume.grid, none, 2, Counters()) is None
+    assert thin_limbs.with_thin_limbs(volume.body, volume.grid, none, 2, Counters()) is volume.grid
 
 
 def test_they_are_kept_while_the_pose_holds_whatever_the_level_was(
@@ -118,15 +118,15 @@ def test_they_are_kept_while_the_pose_holds_whatever_the_level_was(
     counters = Counters()
     bare = build_volume(avatar, posed, replace(SETTINGS, bricks=2), counters, volume)
     assert bare.grid is volume.grid
-    assert bare.thin is bare.sdf.body.bricks is None
+    assert bare.stored is bare.sdf.body is bare.grid
     assert not any(counters.as_dict().values())
     again = build_volume(avatar, posed, SETTINGS, counters, bare)
-    assert again.thin is not None
-    assert volume.thin is not None
-    assert np.array_equal(again.thin.value, volume.thin.value)
+    assert again.stored.bricks is not None
+    assert volume.stored.bricks is not None
+    assert np.array_equal(again.stored.bricks.value, volume.stored.bricks.value)
     assert counters["voxels_evaluated"] > 0
     other = build_volume(avatar, posed, replace(SETTINGS, hidden=frozenset(HANDS)), Counters(), again)
-    assert other.thin is other.sdf.body.bricks is again.thin
+    assert other.sdf.body is again.stored
 
 
 def test_only_the_level_of_everyday_has_them() -> None:
