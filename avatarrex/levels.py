@@ -15,8 +15,8 @@ from avatarrex.errors import InputError
 from avatarrex.settings import RenderSettings
 
 DEFERRED_LEVELS: dict[str, RenderSettings] = {
-    "paper": RenderSettings(everywhere=True, part_voxel=0.005, march="fixed", antialias=False),
-    "fast": RenderSettings(part_voxel=0.005, antialias=False),
+    "paper": RenderSettings(everywhere=True, part_voxel=0.005, march="fixed", antialias=False, thin=0),
+    "fast": RenderSettings(part_voxel=0.005, antialias=False, thin=0),
     "balanced": RenderSettings(),
     "fine": RenderSettings(bricks=2),
     "quality": RenderSettings(bricks=4, polish=1),
@@ -30,7 +30,7 @@ ABOUT = {
     "live": "the textured mesh distilled from the avatar",
     "paper": "2 cm body, 5 mm parts, every voxel, steps of 5 mm: to compare with",
     "fast": "2 cm body, 5 mm hands and face, no antialiasing; a drag may lag by 2 mm",
-    "balanced": "2 cm body, 2.5 mm hands and face, antialiased",
+    "balanced": "2 cm body, 1 cm forearms, 2.5 mm hands and face, antialiased",
     "fine": "as balanced, the body at 1 cm where it is seen",
     "quality": "as balanced, the body at 5 mm where it is seen, every hit put onto the exact field",
 }

@@ -31,6 +31,8 @@ class RenderSettings:
     """Evaluate every voxel within reach of the fields, not only the narrow band around the surface."""
     bricks: int = 0
     """Body voxels that a view meets are cut into this many along each side; 0: none is."""
+    thin: int = 2
+    """So are those on forearms and wrists, whatever a view meets (volume/thin_limbs.py). Says nothing where `bricks` are."""
     raycast: str = "auto"
     """`auto`, `gl`, `torch` or `reference`."""
     march: str = "exact"

@@ -182,8 +182,8 @@ def test_bricks_are_made_where_seen_and_kept_while_the_pose_holds(avatar: Avatar
     fist = FIRST.replace(left_hand_pose=named_hand("fist", "left"))
     assert render_frame(avatar, fist, camera(), settings, back).volume.sdf.body.bricks is not None
     plain = render_frame(avatar, FIRST, camera(), SETTINGS, back)
-    assert plain.volume.sdf.body.bricks is None
-    assert plain.counters["voxels_evaluated"] == 0
+    assert plain.volume.sdf.body is plain.volume.stored
+    assert 0 < plain.counters["voxels_evaluated"] < 0.5 * one.counters["voxels_evaluated"]  # those of forearms
     assert torch.equal(plain.image, first.image)
 
 
@@ -198,7 +198,7 @@ def test_every_level_draws_the_same_person(avatar: Avatar) -> None:
     assert (depth - depth[0]).abs().median() < 2e-3
     voxels = {name: frame.counters["voxels_evaluated"] for name, frame in frames.items()}
     assert voxels["paper"] > 3 * voxels["balanced"]
-    assert voxels["quality"] > voxels["fine"] > voxels["balanced"] == voxels["fast"]
+    assert voxels["quality"] > voxels["fine"] > voxels["balanced"] > voxels["fast"]
 
 
 def test_an_unknown_level_is_named() -> None:

@@ -44,9 +44,9 @@ VIEW = np.dtype(
         ("origin", "f4", 3),
         ("voxel", "f4"),
         ("last", "f4", 3),
-        ("brick_side", "i4"),
+        ("brick_side", "f4"),
         ("point", "f4", 3),
-        ("brick_row", "i4"),
+        ("brick_row", "f4"),
         ("gaze", "f4", 3),
         ("slots", "u4"),
         ("across", "f4", 3),
@@ -217,10 +217,10 @@ class GlCaster:
         table = np.zeros(len(PARTS), PART)
         table["box_from_root"], table["voxel"], table["size"] = np.eye(4), 1.0, -1.0
         table["window"] = (np.inf, np.inf, -np.inf, -np.inf)
-        uploaded, bricks = self.textures.bind("body", volume.body.sdf, 0), volume.body.bricks
+        bricks = volume.body.bricks
+        uploaded = self.textures.bind("body", bricks.atlas if bricks else volume.body.sdf, 0)
         if bricks is not None:
             uploaded += self.textures.bind("brick numbers", bricks.number, 1)
-            uploaded += self.textures.bind("bricks", bricks.atlas, 2)
         by_name = {part.name: part for part in volume.parts}
         for k, name in enumerate(PARTS):
             part = by_name.get(name)

@@ -10,18 +10,19 @@ import hashlib
 import json
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from pathlib import Path
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 from avatarrex.errors import InputError
 from avatarrex.files.assets import DATA, read_npz
 from avatarrex.files.gate import what_is
 from avatarrex.files.stamp import Stamp, stamp
+from avatarrex.signals.joints import JOINT_NAMES
 from avatarrex.templates.face import FaceTemplate, cut_face, paint_face
 from avatarrex.templates.hand import HandTemplate, cut_hand
 from avatarrex.templates.model import TemplateModel
@@ -99,6 +100,12 @@ class Person:
     def own_face(self) -> bool:
         """Whether its face is the captured person's: as it is given, or fitted to pictures (capture/fit/face_fit.py)."""
         return self.fit is None or self.fit.face is not None
+
+    @cached_property
+    def thin(self) -> Bool[np.ndarray, " v"]:
+        """Vertices of forearms and wrists, the thinnest limbs: those that an elbow or a wrist moves most."""
+        joints = [JOINT_NAMES.index(f"{side}_{joint}") for side in ("left", "right") for joint in ("elbow", "wrist")]
+        return np.isin(self.body.weights.argmax(1).numpy(), joints)
 
     @property
     def hand_weight(self) -> Float[Tensor, " v"]:

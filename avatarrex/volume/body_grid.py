@@ -20,7 +20,7 @@ from avatarrex.counters import Counters
 from avatarrex.fields.body_without_hands import BodyWithoutHands
 from avatarrex.fields.composition import EMPTIED
 from avatarrex.fields.template_distance import NearestSkin, TemplateDistance
-from avatarrex.volume.bricks import Bricks, grow_bricks
+from avatarrex.volume.bricks import RINGS, Bricks, grow_bricks
 from avatarrex.volume.lattice import Lattice
 from avatarrex.volume.narrow_band import settle
 from avatarrex.volume.sdf_volume import BodyGrid
@@ -84,17 +84,29 @@ def refined(
     body: BodyWithoutHands,
     grid: BodyGrid,
     seen: np.ndarray,
-    side: int,
+    bricks: Bricks,
     counters: Counters,
-    kept: Bricks | None,
+    rings: int = RINGS,
 ) -> BodyGrid:
-    """`grid` with bricks of side³ voxels in the cells `seen` (flat) and those of `kept`, made for the same frame."""
+    """`grid` with `bricks` of the same frame and those of the cells `seen` (flat), and how many `rings` of cells farther."""
 
     def evaluate(place: np.ndarray) -> np.ndarray:
-        return evaluated(body, grid.origin + grid.voxel * place, counters)
+        value = _stored(grid, place)
+        rows = np.flatnonzero(np.isnan(value))
+        value[rows] = evaluated(body, grid.origin + grid.voxel * place[rows], counters)
+        return value
 
-    bricks = grow_bricks(grid.sdf.numpy(), grid.voxel, side, seen, evaluate, kept)
-    return replace(grid, bricks=bricks)
+    return replace(grid, bricks=grow_bricks(grid.sdf.numpy(), grid.voxel, bricks, seen, evaluate, rings))
+
+
+def _stored(grid: BodyGrid, place: np.ndarray) -> np.ndarray:
+    """What the field was evaluated to at those `place`s (p, 3), in voxels, that are voxels; NaN at the others."""
+    value = np.full(len(place), np.nan, dtype=np.float32)
+    if grid.known is not None:
+        rows = np.flatnonzero((place == np.rint(place)).all(1))
+        voxel = tuple(place[rows, ::-1].astype(int).T)
+        value[rows] = np.where(grid.known[voxel], grid.sdf.numpy()[voxel], np.nan)
+    return value
 
 
 def evaluated(

@@ -25,7 +25,7 @@ ROW = 24
 NARROW_BAND_FINE_VOXELS = 0.6
 """Fine voxels: what is guessed nearer to the surface than this is evaluated at once."""
 RINGS = 2
-"""How many cells the bricks follow the surface past what was seen."""
+"""How many cells the bricks follow the surface past what a view saw: rays meet every cell but some that it grazes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,20 +41,27 @@ class Bricks:
     number: Float32[Tensor, "z y x"]
     """Brick of a cell, counted from 1; 0 where there is none."""
     atlas: Float32[Tensor, "az ay ax"]
-    """All bricks side by side, `ROW` along x, then y, then z."""
+    """The layers of the grid itself and, behind them, all bricks side by side, `ROW` along x, then y, then z: a ray reads either
+    by one look-up."""
 
     @staticmethod
-    def of(side: int, cell: np.ndarray, value: np.ndarray, shape: tuple[int, ...]) -> Bricks:
-        """Bricks of the flat cells (m,) of a grid of `shape` cells, with their corner values (m, n, n, n)."""
-        number = np.zeros(shape, dtype=np.float32)
+    def of(side: int, cell: np.ndarray, value: np.ndarray, sdf: np.ndarray) -> Bricks:
+        """Bricks of the flat cells (m,) of a grid `sdf` (z, y, x), with their corner values (m, n, n, n)."""
+        number = np.zeros([size - 1 for size in sdf.shape], dtype=np.float32)
         number.reshape(-1)[cell] = np.arange(1, len(cell) + 1)
         layers, n = -(-len(cell) // ROW**2), side + 1
         atlas = np.zeros((max(layers, 1) * ROW**2, n, n, n), dtype=np.float32)
         atlas[: len(cell)] = value
-        tiled = atlas.reshape(-1, ROW, ROW, n, n, n).transpose(0, 3, 1, 4, 2, 5)
-        return Bricks(
-            side, cell, value, torch.from_numpy(number), torch.from_numpy(tiled.reshape(-1, ROW * n, ROW * n))
-        )
+        tiled = atlas.reshape(-1, ROW, ROW, n, n, n).transpose(0, 3, 1, 4, 2, 5).reshape(-1, ROW * n, ROW * n)
+        joined = np.zeros((len(sdf) + len(tiled), *np.maximum(sdf.shape[1:], ROW * n)), dtype=np.float32)
+        for layer, part in ((0, sdf), (len(sdf), tiled)):
+            joined[layer : layer + len(part), : part.shape[1], : part.shape[2]] = part
+        return Bricks(side, cell, value, torch.from_numpy(number), torch.from_numpy(joined))
+
+    @staticmethod
+    def none(side: int, sdf: np.ndarray) -> Bricks:
+        """No bricks yet of side³ voxels in a grid `sdf` (z, y, x)."""
+        return Bricks.of(side, np.zeros(0, dtype=np.int64), np.zeros((0, *(side + 1,) * 3), dtype=np.float32), sdf)
 
     def sample(self, place: Float[Tensor, "p 3"]) -> tuple[Int[Tensor, " r"], Float[Tensor, " r"]]:
         """Which points, in coarse voxel coordinates inside the grid, lie in bricks (r,), and their values (r,)."""
@@ -64,36 +71,34 @@ class Bricks:
         rows = torch.nonzero(brick >= 0)[:, 0]
         tile = torch.stack([brick[rows] % ROW, brick[rows] // ROW % ROW, brick[rows] // ROW**2], 1)
         local = (place[rows] - cell[rows]).clamp(0, 1) * self.side + tile * (self.side + 1)
+        local[:, 2] += self.number.shape[0] + 1
         return rows, trilinear(self.atlas[..., None], local)[:, 0]
 
 
 def grow_bricks(
     sdf: np.ndarray,
     voxel: float,
-    side: int,
+    bricks: Bricks,
     seen: np.ndarray,
     evaluate: Callable[[np.ndarray], np.ndarray],
-    kept: Bricks | None = None,
+    rings: int = RINGS,
 ) -> Bricks:
-    """Bricks of the cells `seen` (flat), of the cells that their surface runs on into, and of `kept`.
+    """`bricks` with those of the cells `seen` (flat) and of the `rings` of cells that their surface runs on into.
 
     `sdf` (z, y, x) is the coarse grid of `voxel` metres; `evaluate` gives the field (p,) at fractional coarse voxels (p, 3) x y z. Values
-    that are not evaluated are interpolated: no cell with a crossing has any. Returns `kept` itself when nothing is new.
+    that are not evaluated are interpolated: no cell with a crossing has any. Returns `bricks` itself when nothing is new.
     """
-    shape = tuple(n - 1 for n in sdf.shape)
-    cells, values = (np.zeros(0, dtype=np.int64), np.zeros((0, *(side + 1,) * 3), dtype=np.float32))
-    if kept is not None:
-        cells, values = kept.cell, kept.value
+    shape, side, cells, values = tuple(n - 1 for n in sdf.shape), bricks.side, bricks.cell, bricks.value
     wanted = np.setdiff1d(seen, cells)
-    if kept is not None and not len(wanted):
-        return kept
-    for _ in range(RINGS + 1):
+    if not len(wanted):
+        return bricks
+    for _ in range(rings + 1):
         cells = np.concatenate([cells, wanted])
         values = np.concatenate([values, _refine(sdf, NARROW_BAND_FINE_VOXELS * voxel / side, side, wanted, evaluate)])
         wanted = np.setdiff1d(_beyond(cells, values < 0, shape), cells)
         if not len(wanted):
             break
-    return Bricks.of(side, cells, values, shape)
+    return Bricks.of(side, cells, values, sdf)
 
 
 def _refine(

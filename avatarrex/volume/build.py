@@ -25,11 +25,13 @@ from avatarrex.templates.model import skinned_normals
 from avatarrex.templates.parts import PARTS
 from avatarrex.templates.posed import PosedPerson, TemplateKey
 from avatarrex.volume.body_grid import build_body_grid, refined
+from avatarrex.volume.bricks import Bricks
 from avatarrex.volume.contact import find_contact
 from avatarrex.volume.part_box import UnplacedBox, build_part_box
 from avatarrex.volume.sdf_volume import BodyGrid, PartBox, SdfVolume
 from avatarrex.volume.small_components import without_small_components
 from avatarrex.volume.temporal_reuse import ChangedRegion, PreviousGrid, ReusableBody, reuse_unchanged
+from avatarrex.volume.thin_limbs import with_thin_limbs
 
 
 @dataclass(frozen=True)
@@ -52,6 +54,7 @@ class VolumeKey:
     """Of those that are there."""
     hidden: frozenset[str]
     bricks: int
+    thin: int
 
 
 @dataclass(frozen=True)
@@ -68,6 +71,8 @@ class BuiltBody:
 
     field: BodyWithoutHands
     grid: BodyGrid
+    stored: BodyGrid
+    """`grid` with the bricks of thin limbs."""
     changed: ChangedRegion | None
 
 
@@ -78,7 +83,9 @@ class AvatarVolume:
     sdf: SdfVolume
     body: BodyWithoutHands
     grid: BodyGrid
-    """Without bricks: those of `sdf` grow with what is seen."""
+    """Without bricks."""
+    stored: BodyGrid
+    """`grid` with the bricks of thin limbs; those that a view adds are in `sdf` alone."""
     parts: dict[str, BuiltPart]
     changed: ChangedRegion | None
     """Where the body differs from that of the previous frame, some of whose state it reuses; None: it is exact."""
@@ -126,7 +133,8 @@ def build_volume(
             boxes.append(next(box for box in previous.sdf.parts if box.name == name))
         else:
             boxes.append(_place(body, part.box, posed.root_from_part(name), counters))
-    return AvatarVolume(SdfVolume(body.grid, tuple(boxes)), body.field, body.grid, parts, body.changed, key)
+    sdf = SdfVolume(body.stored, tuple(boxes))
+    return AvatarVolume(sdf, body.field, body.grid, body.stored, parts, body.changed, key)
 
 
 def refine_volume(
@@ -138,8 +146,8 @@ def refine_volume(
 ) -> AvatarVolume:
     """`volume` with bricks of side³ voxels in the body cells `cells` (flat), besides those that `previous` has."""
     kept = previous.sdf.body.bricks if previous and previous.grid is volume.grid else None
-    kept = kept if kept and kept.side == side else None
-    grid = refined(volume.body, volume.grid, cells, side, counters, kept)
+    kept = kept if kept and kept.side == side else Bricks.none(side, volume.grid.sdf.numpy())
+    grid = refined(volume.body, volume.grid, cells, kept, counters)
     if grid.bricks is volume.sdf.body.bricks:
         return volume
     return replace(volume, sdf=SdfVolume(grid, volume.sdf.parts))
@@ -202,7 +210,12 @@ def _key(
     parts = {name: key(name, settings.part_voxel) for name in PARTS if name not in settings.hidden}
     there = {} if old is None else old.parts
     parts = {name: key for name, key in parts.items() if name not in off_screen or there.get(name) == key}
-    return VolumeKey(body, parts, settings.hidden, settings.bricks)
+    return VolumeKey(body, parts, settings.hidden, settings.bricks, _thin_side(settings))
+
+
+def _thin_side(settings: RenderSettings) -> int:
+    """Voxels along the side of a brick of thin limbs; 0: they have none."""
+    return 0 if settings.bricks else settings.thin
 
 
 def _enough(previous: AvatarVolume, settings: RenderSettings) -> bool:
@@ -223,7 +236,9 @@ def _pieces(
     if previous:
         kept = {name: previous.parts[name] for name in key.parts if previous.key.parts.get(name) == key.parts[name]}
         if previous.key.body == key.body and _enough(previous, settings):
-            body = BuiltBody(previous.body, previous.grid, previous.changed)
+            body = BuiltBody(previous.body, previous.grid, previous.stored, previous.changed)
+            if previous.key.thin != key.thin:
+                body = replace(body, stored=_stored(avatar, body.field, body.grid, settings, counters))
     work = SideBySide()
     common = avatar, posed, settings, counters
     new_body = None if body else work.add(_body, *common, _reusable(previous, key, settings))
@@ -255,7 +270,16 @@ def _body(
     body = BodyWithoutHands(avatar.body, state.frame, skin, avatar.ownership)
     kept = PreviousGrid(before.grid, state.changed) if before and state.changed else None
     grid = build_body_grid(body, settings.voxel, counters, settings.everywhere, kept)
-    return BuiltBody(body, grid if settings.everywhere else without_small_components(grid), state.changed)
+    grid = grid if settings.everywhere else without_small_components(grid)
+    return BuiltBody(body, grid, _stored(avatar, body, grid, settings, counters), state.changed)
+
+
+def _stored(
+    avatar: Avatar, body: BodyWithoutHands, grid: BodyGrid, settings: RenderSettings, counters: Counters
+) -> BodyGrid:
+    """`grid` with the bricks of thin limbs that `settings` want."""
+    side = _thin_side(settings)
+    return with_thin_limbs(body, grid, avatar.person.thin, side, counters) if side else grid
 
 
 def _prepared(previous: AvatarVolume | None, key: VolumeKey, name: str) -> PartState | None:

@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from jaxtyping import Bool, Int
 
 from avatarrex.ops.halving import touched
 from avatarrex.volume.lattice import Lattice
@@ -27,6 +28,13 @@ def unsettled(inside: np.ndarray, known: np.ndarray, unused: np.ndarray | None =
         side[unused] = 0
     corner = touched(side.reshape(-1, *side.shape[-3:])).reshape(side.shape)
     return np.flatnonzero(corner & ~known)
+
+
+def crossed(inside: Bool[np.ndarray, "z y x"]) -> Int[np.ndarray, "c 3"]:
+    """Cells (z, y, x) that have corners on both sides."""
+    ends = (slice(None, -1), slice(1, None))
+    corners = np.stack([inside[z, y, x] for z in ends for y in ends for x in ends])
+    return np.argwhere(corners.any(0) & ~corners.all(0))
 
 
 def settle(

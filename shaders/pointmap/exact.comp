@@ -19,7 +19,7 @@ float next_face(vec3 origin, vec3 direction, float t) {
 
 float cell_end(Ray ray, float t, PartTruths inside) {
     float end = min(ray.range.y, t + max(reach_at(ray, t), 1e-6));
-    float cut = BRICKS == 1 && brick_at(body_at(ray, t + 1e-6)) >= 0 ? float(u_brick_side) : 1.0;
+    float cut = BRICKS == 1 && brick_of(cell_of(body_at(ray, t + 1e-6))) >= 0 ? u_brick_side : 1.0;
     end = min(end, next_face(cut * ray.body_origin, cut * ray.body_direction, t));
     for (int k = 0; k < PART_COUNT; ++k) {
         if (!inside[k]) continue;

@@ -21,9 +21,9 @@ layout(std140, binding = 1) uniform View {
     vec3 u_origin;     // centre of the body grid's voxel 0
     float u_voxel;     // side of a body voxel
     vec3 u_last;       // the last body voxel (the texture may be larger)
-    int u_brick_side;  // fine voxels along a body voxel
+    float u_brick_side;  // fine voxels along a body voxel
     vec3 u_point;      // root metres
-    int u_brick_row;
+    float u_brick_row;
     vec3 u_gaze;       // u_point minus the camera centre
     uint u_slots;      // edge pixels that there is room for
     vec3 u_across;     // on the plane, metres per pixel
@@ -31,11 +31,10 @@ layout(std140, binding = 1) uniform View {
     vec2 u_middle;     // pixel position of the ray that meets the plane in u_point
     ivec2 u_image;     // width, height
 };
-layout(binding = 0) uniform sampler3D u_body;
+layout(binding = 0) uniform sampler3D u_body;  // with bricks: behind the grid's layers theirs, u_brick_row along x and y
 layout(binding = 3) uniform sampler3D u_part[PART_COUNT];
 layout(binding = CONTACT_UNIT) uniform sampler3D u_contact[PART_COUNT];
 layout(binding = 1) uniform sampler3D u_brick_number;  // per body cell, from 1; 0 where there is none
-layout(binding = 2) uniform sampler3D u_bricks;        // all bricks, u_brick_row along x and y
 
 struct Field {
     float sdf;
@@ -56,17 +55,18 @@ bool in_box(int k, vec3 p) {
     return all(greaterThanEqual(local, vec3(0))) && all(lessThanEqual(local, in_part[k].size));
 }
 
-// Which brick refines the cell that holds `place` (body voxels), from 0; negative where none does.
-int brick_at(vec3 place) {
-    ivec3 cell = clamp(ivec3(floor(place)), ivec3(0), ivec3(u_last) - 1);
-    return int(texelFetch(u_brick_number, cell, 0).x) - 1;
-}
+vec3 cell_of(vec3 place) { return clamp(floor(place), vec3(0), u_last - 1); }
 
-vec3 brick_place(int brick, vec3 place) {
-    vec3 cell = clamp(floor(place), vec3(0), u_last - 1);
-    int row = u_brick_row;
-    vec3 tile = vec3(brick % row, brick / row % row, brick / (row * row));
-    return tile * (u_brick_side + 1) + clamp(place - cell, 0, 1) * u_brick_side;
+// Which brick refines a cell, from 0; negative where none does.
+float brick_of(vec3 cell) { return texelFetch(u_brick_number, ivec3(cell), 0).x - 1; }
+
+// Where `place` (body voxels) is stored in u_body: in a brick or, with `brick` negative, in the grid. Divided as floats, half a
+// brick off: processors have no division of several integers at once.
+vec3 stored_place(vec3 place, vec3 cell, float brick) {
+    float row = u_brick_row, line = floor((brick + 0.5) / row), layer = floor((line + 0.5) / row);
+    vec3 tile = vec3(brick - line * row, line - layer * row, layer) * (u_brick_side + 1) + vec3(0, 0, u_last.z + 1);
+    vec3 within = clamp(place - cell, 0, 1);
+    return brick < 0 ? cell + within : tile + within * u_brick_side;
 }
 
 vec3 body_place(vec3 p) { return (p - u_origin) / u_voxel; }
@@ -86,14 +86,15 @@ vec3 body_place(vec3 p) { return (p - u_origin) / u_voxel; }
 // lib/trilinear.glsl.
 #define DEFINE_FIELD(NAME, SAMPLE) \
 Field NAME(vec3 p, vec3 place, PartTruths inside) { \
-    float body = SAMPLE(u_body, place).x, cell = u_voxel; \
+    float cell = u_voxel; \
+    vec3 stored = place; \
     if (BRICKS == 1) { \
-        int brick = brick_at(place); \
-        if (brick >= 0) { \
-            body = SAMPLE(u_bricks, brick_place(brick, place)).x; \
-            cell = u_voxel / u_brick_side; \
-        } \
+        vec3 cell_place = cell_of(place); \
+        float brick = brick_of(cell_place); \
+        stored = stored_place(place, cell_place, brick); \
+        if (brick >= 0) cell /= u_brick_side; \
     } \
+    float body = SAMPLE(u_body, stored).x; \
     Field f = Field(body, abs(body), cell, cell, PartNumbers(0)); \
     if (PARTS == 0) return f; \
     body += u_voxel * length(place - clamp(place, vec3(0), body_last())); \

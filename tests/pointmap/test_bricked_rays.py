@@ -11,7 +11,7 @@ from avatarrex.camera import Camera
 from avatarrex.pointmap.raycast import raycast
 from avatarrex.pointmap.visible_cells import visible_cells
 from avatarrex.reference.solids import body_grid, capsule, part_box, rotation, sphere, union
-from avatarrex.volume.bricks import grow_bricks
+from avatarrex.volume.bricks import Bricks, grow_bricks
 from avatarrex.volume.sdf_volume import SdfVolume
 
 FIGURE = union(sphere((0, 0, 0), 0.15), capsule((-0.2, 0.11, 0), (0.2, 0.2, 0.05), 0.014))
@@ -38,7 +38,8 @@ def bricked(volume: SdfVolume, side: int, camera: Camera = CAMERA) -> SdfVolume:
     def exact(place: np.ndarray) -> np.ndarray:
         return FIGURE(torch.from_numpy(grid.origin + grid.voxel * place)).float().numpy()
 
-    bricks = grow_bricks(grid.sdf.numpy(), grid.voxel, side, cells, exact)
+    sdf = grid.sdf.numpy()
+    bricks = grow_bricks(sdf, grid.voxel, Bricks.none(side, sdf), cells, exact)
     return SdfVolume(dataclasses.replace(grid, bricks=bricks), volume.parts)
 
 

@@ -32,7 +32,8 @@ def crossed_cells(grid: BodyGrid) -> np.ndarray:
 
 def grown(side: int, seen: np.ndarray, field: Field, kept: Bricks | None = None) -> Bricks:
     grid = body_grid(PIN, ORIGIN, VOXEL, SHAPE)
-    return grow_bricks(grid.sdf.numpy(), VOXEL, side, seen, field, kept)
+    sdf = grid.sdf.numpy()
+    return grow_bricks(sdf, VOXEL, kept or Bricks.none(side, sdf), seen, field)
 
 
 @pytest.mark.parametrize("side", [2, 4])
@@ -62,6 +63,22 @@ def test_the_surface_is_followed_past_what_was_seen() -> None:
     apart = apart - np.array(np.unravel_index(all_cells[0], tuple(n - 1 for n in SHAPE)))
     assert 5 < len(bricks.cell) <= 25
     assert np.abs(apart).sum(1).max() == 2
+
+
+@pytest.mark.parametrize("rings", [0, 1])
+def test_the_surface_is_followed_by_as_many_cells_as_told(rings: int) -> None:
+    sdf = body_grid(PIN, ORIGIN, VOXEL, SHAPE).sdf.numpy()
+    cell = crossed_cells(body_grid(PIN, ORIGIN, VOXEL, SHAPE))[:1]
+    place = np.array(
+        np.unravel_index(grow_bricks(sdf, VOXEL, Bricks.none(2, sdf), cell, Field(), rings).cell, sdf[1:, 1:, 1:].shape)
+    ).T
+    assert np.abs(place - place[0]).sum(1).max() == rings
+
+
+def test_the_atlas_begins_with_the_grid() -> None:
+    grid = body_grid(PIN, ORIGIN, VOXEL, SHAPE).sdf
+    bricks = grown(2, crossed_cells(body_grid(PIN, ORIGIN, VOXEL, SHAPE)), Field())
+    assert torch.equal(bricks.atlas[: SHAPE[0], : SHAPE[1], : SHAPE[2]], grid)
 
 
 def test_points_in_bricks_get_the_trilinear_value_of_the_finer_grid() -> None:
@@ -95,6 +112,7 @@ def test_what_is_kept_is_not_evaluated_again() -> None:
 
 def test_a_surface_at_the_border_stays_in_the_grid() -> None:
     half = BodyGrid(np.zeros(3), VOXEL, lattice_points((4, 4, 4), VOXEL)[:, 1].view(4, 4, 4).float() - 0.03)
-    cells = crossed_cells(half)
-    bricks = grow_bricks(half.sdf.numpy(), VOXEL, 2, cells, lambda place: (VOXEL * place[:, 1] - 0.03).astype("f4"))
+    cells, sdf = crossed_cells(half), half.sdf.numpy()
+    field = lambda place: (VOXEL * place[:, 1] - 0.03).astype("f4")  # noqa: E731
+    bricks = grow_bricks(sdf, VOXEL, Bricks.none(2, sdf), cells, field)
     assert np.array_equal(np.sort(bricks.cell), cells)

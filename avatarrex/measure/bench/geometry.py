@@ -106,7 +106,7 @@ def measure(bench: Bench) -> list[Metric]:
 
 def compare(bench: Bench) -> list[Found]:
     """The whole sequence; the first frame warms up and is not counted."""
-    settings, found = RenderSettings(hidden=frozenset(PART_JOINT)), []
+    settings, found = RenderSettings(hidden=frozenset(PART_JOINT), thin=0), []
     posed: PosedPerson | None = None
     volume: AvatarVolume | None = None
     with one_core():

@@ -66,7 +66,7 @@ def contests(bench: Bench) -> list[Contest]:
 
 def stored_volume(bench: Bench) -> SdfVolume:
     """Of the avatar as it stands, at the settings of everyday use."""
-    settings = RenderSettings(hidden=bench.avatar.hidden)
+    settings = RenderSettings(hidden=bench.avatar.hidden, thin=0)
     return build_volume(bench.avatar, bench.standing, settings, Counters(), None).sdf
 
 

@@ -60,7 +60,8 @@ from avatarrex.training.core.exposure import exposed_as
 from avatarrex.training.core.pixels import training_pairs
 from avatarrex.training.core.projection import FACING, OPAQUE, PICTURES, Projected, paint
 from avatarrex.volume.body_grid import BOX_MARGIN, lattice_around
-from avatarrex.volume.bricks import grow_bricks
+from avatarrex.volume.bricks import Bricks, grow_bricks
+from avatarrex.volume.narrow_band import crossed
 from avatarrex.volume.sdf_volume import BodyGrid, SdfVolume
 
 SPACING = {"body": 0.002, "face": 0.001}
@@ -138,9 +139,8 @@ class TrueMeshes:
             centre = grid.origin + grid.voxel * (np.stack([x, y, z], 1) + 0.5)
             met = met[cKDTree(self._parts(signals)).query(centre, distance_upper_bound=NEAR_PARTS)[0] < NEAR_PARTS]
         cells = np.ravel_multi_index(tuple(met.T), tuple(side - 1 for side in sdf.shape))
-        bricks = grow_bricks(
-            sdf, grid.voxel, finer.side, cells, lambda place: distance(grid.origin + grid.voxel * place)
-        )
+        none = Bricks.none(finer.side, sdf)
+        bricks = grow_bricks(sdf, grid.voxel, none, cells, lambda place: distance(grid.origin + grid.voxel * place))
         return SdfVolume(replace(grid, bricks=bricks))
 
     def _parts(self, signals: Signals) -> Float[np.ndarray, "k 3"]:
@@ -166,13 +166,6 @@ def closed_pieces(vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 
     open_ones = piece[known[(count == 1) & (known[:, 0] != known[:, 1]), 0]]
     closed: np.ndarray = ~np.isin(piece[corner[:, 0]], open_ones)
     return closed
-
-
-def crossed(inside: Bool[np.ndarray, "z y x"]) -> Int[np.ndarray, "c 3"]:
-    """Cells (z, y, x) that have corners on both sides."""
-    ends = (slice(None, -1), slice(1, None))
-    corners = np.stack([inside[z, y, x] for z in ends for y in ends for x in ends])
-    return np.argwhere(corners.any(0) & ~corners.all(0))
 
 
 @dataclass(frozen=True, eq=False)

@@ -25,7 +25,7 @@ from avatarrex.training.core.pixels import training_pairs
 from avatarrex.volume.build import AvatarVolume, build_volume
 
 RENDERED = RenderSettings()
-SAMPLED = RenderSettings(voxel=0.02, part_voxel=0.005)
+SAMPLED = RenderSettings(voxel=0.02, part_voxel=0.005, thin=0)
 """Enough to place samples; hand distances have this resolution while the body is trained."""
 KEPT = 256
 """Frames that stay posed: 10 MB each with their volume and hands."""

@@ -132,7 +132,7 @@ class TrainedFace:
 
 
 def _coarse_body(volume: SdfVolume, position: Tensor) -> Tensor:
-    """The body grid alone, without bricks (training has none); beyond the border as at the nearest point of it."""
+    """The body grid alone, without bricks (forearms alone have any); beyond the border as at the nearest point of it."""
     grid = volume.body
     place = (position - torch.as_tensor(grid.origin).to(position)) / grid.voxel
     return trilinear(grid.sdf[..., None], place)[:, 0]
