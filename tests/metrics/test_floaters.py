@@ -110,7 +110,7 @@ def test_a_patched_grid_of_the_packaged_avatar_is_reported(monkeypatch):
             y -= 1
         sdf[z - 2 : z + 3, y - 2 : y + 3, x - 2 : x + 3] = -0.01
         place.append(grid.origin + grid.voxel * np.array([x, y, z]))
-        return replace(made, sdf=replace(made.sdf, body=replace(grid, sdf=sdf)))
+        return replace(made, sdf=replace(made.sdf, body=replace(grid, sdf=sdf, bricks=None)))
 
     monkeypatch.setattr(floaters, "build_volume", patched)
     (found,) = find_floaters(avatar, poses, 192)
