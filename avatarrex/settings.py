@@ -32,7 +32,8 @@ class RenderSettings:
     bricks: int = 0
     """Body voxels that a view meets are cut into this many along each side; 0: none is."""
     thin: int = 2
-    """So are those on forearms and wrists, whatever a view meets (volume/thin_limbs.py). Says nothing where `bricks` are."""
+    """Body voxels about forearms and wrists are cut into this many along each side, whatever a view meets (volume/thin_limbs.py), where
+    `bricks` is 0; 0: none is."""
     raycast: str = "auto"
     """`auto`, `gl`, `torch` or `reference`."""
     march: str = "exact"

@@ -65,7 +65,7 @@ TILE_LIST = 0
 TRACE_LIST, EXACT_LIST, COVERED_LIST, EDGE_LIST = (2 + k * len(BOXES) for k in range(4))
 """Pixels of each kind come once for each of `BOXES`."""
 PART_UNIT, CONTACT_UNIT = 3, 3 + len(PARTS)
-"""Texture units from which there is one for each part; before them body, numbers of bricks, bricks."""
+"""Texture units from which there is one for each part; before them the body, and numbers of bricks."""
 PART_SLOTS = {"PART_COUNT": len(PARTS), "CONTACT_UNIT": CONTACT_UNIT}
 """Constants of every pass."""
 LIST = np.dtype([("groups", "u4"), ("one", "u4"), ("also_one", "u4"), ("count", "u4")])
@@ -218,8 +218,10 @@ class GlCaster:
         table["box_from_root"], table["voxel"], table["size"] = np.eye(4), 1.0, -1.0
         table["window"] = (np.inf, np.inf, -np.inf, -np.inf)
         bricks = volume.body.bricks
-        uploaded = self.textures.bind("body", bricks.atlas if bricks else volume.body.sdf, 0)
-        if bricks is not None:
+        if bricks is None:
+            uploaded = self.textures.bind("body", volume.body.sdf, 0)
+        else:
+            uploaded = self.textures.bind("body with bricks", bricks.atlas, 0)
             uploaded += self.textures.bind("brick numbers", bricks.number, 1)
         by_name = {part.name: part for part in volume.parts}
         for k, name in enumerate(PARTS):

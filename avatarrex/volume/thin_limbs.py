@@ -1,8 +1,8 @@
 """Thin limbs: forearms and wrists are stored in bricks whatever a view meets (`RenderSettings.thin`).
 
 Between voxels of side h a limb of radius R is stored up to h²/8R too thin: 2.5 mm of a wrist of 2 cm by voxels of 2 cm, a quarter of that by
-half of them. Which cells are cut depends on the body alone: a turned view finds them there, and training, distillation
-and metrics see the same.
+half of them. Which cells are cut depends on the body alone: a turned view finds them there, and pass II, distillation and metrics see the
+same. Levels that cut cells where a view meets them (`fine`, `quality`) have those alone.
 
 Letters: v template vertices, c cells. Root frame, metres.
 """

@@ -66,3 +66,15 @@ def test_a_head_that_stands_still_tells_nothing() -> None:
     """Its light stays in its albedo."""
     pictures, _ = seen(0.2, lamps())
     assert fit_light(torch.zeros(8, 3), pictures, TEXELS).abs().max() < 0.03
+
+
+def test_pictures_that_show_nothing_tell_nothing() -> None:
+    """Painting says so then."""
+    none = LitPixels(torch.zeros(0, 3, dtype=torch.long), torch.zeros(0, 3), torch.zeros(0, 3), torch.zeros(0, 3))
+    assert torch.equal(fit_light(torch.zeros(8, 3), [none], 9), torch.zeros(8, 3))
+    pictures, _ = seen(50.0, lamps())
+    for one in pictures:
+        one.colour[:, 2] = 0.0
+    found = fit_light(torch.zeros(8, 3), pictures, TEXELS)
+    assert found[:, 2].abs().max() < 1e-6
+    assert found[:, :2].abs().max() > 0.1

@@ -118,7 +118,7 @@ def exact_volume(volume: SdfVolume, target: PosedSubject) -> SdfVolume:
     grid = volume.body
     z, y, x = grid.sdf.shape
     body = exact(grid.sdf, Lattice(grid.origin, grid.voxel, (z, y, x)), np.eye(4), target)
-    return SdfVolume(replace(grid, sdf=body), tuple(exact_part(part, target) for part in volume.parts))
+    return SdfVolume(replace(grid, sdf=body, bricks=None), tuple(exact_part(part, target) for part in volume.parts))
 
 
 def exact_part(part: PartBox, target: PosedSubject) -> PartBox:

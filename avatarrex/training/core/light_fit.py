@@ -2,9 +2,9 @@
 
     min over h and albedos a of  Σ ω |c − a_t E_h(n)|² + λ |h|²
 
-of pixels with colour c on texels t (`fields/light.py`: E, h). Gauss and Newton in h, the albedos being the best for each h; pixels that
-are far off, shadows and what slid, count less (Geman–McClure). What no turn of the head tells stays in the albedo: λ is that of a texel
-whose harmonics vary by `LEAST_TURN`.
+of pixels with colour c on texels t (`fields/light.py`: E, h). Steps like Gauss and Newton's in h, with a_t = Σ ω c / Σ ω E and slopes of
+the channels' mean E; a light that reaches `DARKEST` is not found exactly. Pixels that are far off, shadows and what slid, count less
+(Geman–McClure). What no turn of the head tells stays in the albedo: λ is that of a texel whose harmonics vary by `LEAST_TURN`.
 
 Letters: p pixels, k texels around one, t texels. sRGB in [0, 1].
 """
@@ -43,7 +43,7 @@ def fit_light(harmonics: Float[Tensor, "8 3"], pictures: Sequence[LitPixels], te
     found, albedo = harmonics.detach().clone(), None
     for _ in range(ROUNDS):
         albedo, change = _albedos(found, pictures, texels, albedo)
-        square, right = torch.zeros(3, 8, 8), torch.zeros(3, 8)
+        square, right = 1e-6 * torch.eye(8).repeat(3, 1, 1), torch.zeros(3, 8)
         for one in pictures:
             off, weight = _residual(found, one, albedo)
             slope = (
