@@ -15,6 +15,7 @@ from avatarrex.signals.driving import Signals
 from avatarrex.signals.library import named_hand, named_pose
 from avatarrex.templates.model import skinned_normals
 from avatarrex.templates.posed import pose_person
+from avatarrex.volume import narrow_band
 from avatarrex.volume.body_grid import build_body_grid
 from avatarrex.volume.build import body_frame
 from avatarrex.volume.lattice import Lattice
@@ -160,3 +161,9 @@ def test_the_body_grid_crosses_where_the_whole_shell_does(pose: str) -> None:
     corners = np.intersect1d(crossed(grid.sdf.numpy() < 0), shell, return_indices=True)[2]
     assert np.abs(all_of_it - stored[shell])[corners].max() < 1e-4
     assert counters.as_dict()["voxels_evaluated"] < 0.8 * len(shell)
+
+
+def test_crossed_cells_have_corners_on_both_sides() -> None:
+    inside = np.zeros((4, 3, 3), dtype=bool)
+    inside[:2], inside[3, 0, 0] = True, True
+    assert narrow_band.crossed(inside).tolist() == [*([1, y, x] for y in (0, 1) for x in (0, 1)), [2, 0, 0]]
