@@ -81,7 +81,7 @@ class Light(nn.Module):
         module: Any = self  # its hooks are untyped in torch
         module.register_load_state_dict_pre_hook(_expect)
 
-    def light_face(self) -> None:
+    def add_face(self) -> None:
         """Let the face have a light of its own, E = 1 until it is trained, unless it has one."""
         if self.face is None:
             self.face = nn.Parameter(torch.zeros_like(self.harmonics), requires_grad=self.harmonics.requires_grad)
@@ -90,7 +90,7 @@ class Light(nn.Module):
         """Have the light on the face that a state to be loaded has, or none."""
         self.face = None
         if "face" in state:
-            self.light_face()
+            self.add_face()
 
     def learnt_with(self, part: str) -> list[nn.Parameter]:
         """What the training of `body`, with the hands, or `face` learns of it."""

@@ -239,10 +239,6 @@ class Face(Part[FaceState]):
         sdf[used] = self._sdf(state, state.trained(position[used]))
         return sdf, omega
 
-    def facing(self, state: FaceState, points: SurfacePoints) -> Float[Tensor, "p 3"]:
-        """Unit normals at points of the surface, root frame."""
-        return self._normal(state, state.trained(points.position)) @ points.root_from_part.T
-
     @torch.no_grad()
     def _normal(self, state: FaceState, position: Float[Tensor, "p 3"]) -> Float[Tensor, "p 3"]:
         return surface_normal(partial(self._sdf, state), position.detach())
@@ -254,13 +250,17 @@ class Face(Part[FaceState]):
             counters.add("unet_runs", 3)
         return state.planes.colour
 
-    def places(self, state: FaceState, position: Float[Tensor, "p 3"]) -> TexelPlaces | None:
-        """Texels about what the posed mesh has outermost at points of the surface (head frame); None where it has none.
+    def places(
+        self, state: FaceState, position: Float[Tensor, "p 3"]
+    ) -> tuple[TexelPlaces | None, Float[Tensor, "p 3"]]:
+        """Texels about what the posed mesh has outermost at points of the surface (head frame), None where it has none; and the
+        surface's unit normals there.
 
         The closest triangle of a closed lid would often be the eyeball's.
         """
         trained = state.trained(position)
-        return self._places(state, trained, self._normal(state, trained))
+        normal = self._normal(state, trained)
+        return self._places(state, trained, normal), normal
 
     @torch.no_grad()
     def _places(
@@ -278,16 +278,22 @@ class Face(Part[FaceState]):
         planes = self.decode_colour(state, counters)
         counters.add("face_pixels", len(points.position))
         trained = state.trained(points.position)
-        normal = self._normal(state, trained)
+        if state.carried is None and self.field.detail is None and points.light.face is None:
+            own = self.field.colour(planes, trained, points.direction)  # no normal counts
+        else:
+            normal = self._normal(state, trained)
+            own = self._albedo(state, planes, trained, normal, points.direction)
+            own = own * points.light.on_face(normal @ points.root_from_part.T)
+        colour: Tensor = self.tone(own, points.root_direction, points.direction)
+        return colour
+
+    def _albedo(self, state: FaceState, planes: Tensor, trained: Tensor, normal: Tensor, gaze: Tensor) -> Tensor:
+        """C_F of the expression, known or carried, with its texels, at points in the trained shape."""
         places = self._places(state, trained, normal)
         if state.carried is None:
-            own = self.field.colour(planes, trained, points.direction, places)
-        else:
-            seen = state.carried.seen(trained, normal)
-            own = self._in_mouth(state.carried, seen, self.field.colour(planes, seen.place, points.direction, places))
-        lit = own * points.light.on_face(normal @ points.root_from_part.T)
-        colour: Tensor = self.tone(lit, points.root_direction, points.direction)
-        return colour
+            return self.field.colour(planes, trained, gaze, places)
+        seen = state.carried.seen(trained, normal)
+        return self._in_mouth(state.carried, seen, self.field.colour(planes, seen.place, gaze, places))
 
     def _in_mouth(self, carried: Carried, seen: Seen, colour: Float[Tensor, "p 3"]) -> Float[Tensor, "p 3"]:
         """Of points within a mouth that opens wider than any picture showed the template's colours, in its shadow: of what was

@@ -102,7 +102,7 @@ class Person:
         return self.fit is None or self.fit.face is not None
 
     @cached_property
-    def thin(self) -> Bool[np.ndarray, " v"]:
+    def thin_limbs(self) -> Bool[np.ndarray, " v"]:
         """Vertices of forearms and wrists, the thinnest limbs: those that an elbow or a wrist moves most."""
         joints = [JOINT_NAMES.index(f"{side}_{joint}") for side in ("left", "right") for joint in ("elbow", "wrist")]
         return np.isin(self.body.weights.argmax(1).numpy(), joints)

@@ -279,7 +279,7 @@ def _stored(
 ) -> BodyGrid:
     """`grid` with the bricks of thin limbs that `settings` want."""
     side = _thin_side(settings)
-    return with_thin_limbs(body, grid, avatar.person.thin, side, counters) if side else grid
+    return with_thin_limbs(body, grid, avatar.person.thin_limbs, side, counters) if side else grid
 
 
 def _prepared(previous: AvatarVolume | None, key: VolumeKey, name: str) -> PartState | None:

@@ -1,4 +1,5 @@
-"""Bytes of a volume, as the rays read it: body grid, bricks (numbers and atlas), part boxes with their contacts."""
+"""Bytes of a volume, as the rays read it: body grid, bricks (numbers, and what the atlas has besides the grid), part boxes with
+their contacts."""
 
 from __future__ import annotations
 
@@ -28,7 +29,7 @@ def memory_of(volume: SdfVolume) -> Memory:
     bricks = volume.body.bricks
     return Memory(
         body=_bytes(volume.body.sdf),
-        bricks=_bytes(bricks.number) + _bytes(bricks.atlas) if bricks else 0,
+        bricks=_bytes(bricks.number) + _bytes(bricks.atlas) - _bytes(volume.body.sdf) if bricks else 0,
         parts=sum(_bytes(part.field) + (_bytes(part.contact.field) if part.contact else 0) for part in volume.parts),
     )
 

@@ -75,7 +75,7 @@ def test_texels_move_with_the_expression(monkeypatch: pytest.MonkeyPatch) -> Non
     assert detail is not None
     detail.texel.copy_(albedo(torch.from_numpy(detail.lattice.position).float()))
     face, state, moved, at_rest = posed(made, monkeypatch)
-    places = face.places(state, moved)
+    places, _ = face.places(state, moved)
     assert places is not None
     off = (detail(places) - albedo(at_rest)).abs().amax(1)
     assert (at_rest - moved).norm(dim=1).max() > 0.02, "the jaw is open"
@@ -94,7 +94,7 @@ def test_colours_are_the_texels_where_the_networks_say_nothing(monkeypatch: pyte
     points = SurfacePoints(
         moved, torch.nn.functional.normalize(-moved, dim=-1), moved, torch.eye(3), made.light.over(np.eye(4))
     )
-    own = made.face.colour(face.decode_colour(state, Counters()), moved, points.direction, face.places(state, moved))
+    own = made.face.colour(face.decode_colour(state, Counters()), moved, points.direction, face.places(state, moved)[0])
     torch.testing.assert_close(own, torch.sigmoid(torch.tensor([1.0, 0.0, -2.0])).expand_as(own))
 
 
@@ -175,7 +175,7 @@ def test_what_lies_off_the_texels_has_none(monkeypatch: pytest.MonkeyPatch) -> N
     assert torch.equal(detail.edge > 0, made.face.own & shown)
     detail.texel.copy_(torch.ones_like(detail.texel))
     face, state, moved, _ = posed(made, monkeypatch)
-    places = face.places(state, moved)
+    places, _ = face.places(state, moved)
     assert places is not None
     said = detail(places)[:, 0]
     teeth = torch.cat([template.model.groups[name] for name in ("upper_teeth", "lower_teeth")])
@@ -188,7 +188,7 @@ def test_what_lies_off_the_texels_has_none(monkeypatch: pytest.MonkeyPatch) -> N
     torch.testing.assert_close(said[of_eyes], torch.ones_like(said[of_eyes]))
     nose = moved[moved[:, 2].argmax()][None]
     for away, expected in ((0.004, 1.0), (0.0075, 0.5), (0.011, 0.0)):
-        before = face.places(state, nose + torch.tensor([0, 0, away]))
+        before, _ = face.places(state, nose + torch.tensor([0, 0, away]))
         assert before is not None
         assert float(detail(before)[0, 0]) == pytest.approx(expected, abs=0.15)
 

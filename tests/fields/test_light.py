@@ -55,7 +55,7 @@ def test_a_light_of_the_world_stands_still_when_the_person_turns():
     world[:3, :3] = Rotation.from_rotvec([0.3, 1.2, -0.4]).as_matrix()
     light, along = Light("world").requires_grad_(False), Light("root")
     drawn = torch.Generator().manual_seed(3)
-    light.light_face()
+    light.add_face()
     for harmonics in (light.harmonics, light.face):
         torch.nn.init.normal_(harmonics, 0.0, 0.3, generator=drawn)
     along.load_state_dict(light.state_dict())
@@ -100,9 +100,9 @@ def test_avatars_of_before_have_no_light_on_their_faces(tmp_path):
     avatar = Avatar.create(load_person(), "compact")
     save_avatar(avatar, tmp_path / "old")
     assert load_avatar(tmp_path / "old").light.face is None
-    avatar.light.light_face()
+    avatar.light.add_face()
     torch.nn.init.constant_(avatar.light.face, 0.25)
-    avatar.light.light_face()
+    avatar.light.add_face()
     save_avatar(avatar, tmp_path / "new")
     face = load_avatar(tmp_path / "new").light.face
     assert torch.equal(face, avatar.light.face)

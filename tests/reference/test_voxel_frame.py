@@ -29,7 +29,7 @@ def test_the_fast_frame_is_the_reference_frame(target: str) -> None:
     avatar = load_avatar()
     avatar.light.frame = "world"
     drawn = torch.Generator().manual_seed(4)
-    avatar.light.light_face()
+    avatar.light.add_face()
     for harmonics in (avatar.light.harmonics, avatar.light.face):
         torch.nn.init.normal_(harmonics, 0.0, 0.2, generator=drawn)
     where, distance = ((3.0, 0.15, -1.0), 2.6) if target == "person" else ((3.05, 0.88, -0.93), 0.6)

@@ -61,7 +61,7 @@ def tiny(tmp_path_factory) -> tuple[Avatar, TrainingFrame, OneFrame]:
     presets.PRESETS["tiny"] = TINY
     try:
         avatar = Avatar.create(load_person(), "tiny", seed=3)
-        avatar.light.light_face()
+        avatar.light.add_face()
     finally:
         del presets.PRESETS["tiny"]
     rig = capture.rigs["body"]

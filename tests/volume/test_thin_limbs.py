@@ -53,7 +53,7 @@ def cells_with_bricks(volume: AvatarVolume) -> np.ndarray:
 
 def test_thin_vertices_are_those_from_elbow_to_wrist_on_both_sides(avatar: Avatar) -> None:
     posed = pose_person(avatar.person, Signals.rest(), Counters(), None).body
-    across = posed.vertices.numpy()[avatar.person.thin, 0]
+    across = posed.vertices.numpy()[avatar.person.thin_limbs, 0]
     for name, side in (("left", 1), ("right", -1)):
         elbow, finger = (
             side * float(posed.joints[JOINT_NAMES.index(f"{name}_{joint}"), 0]) for joint in ("elbow", "index1")
@@ -67,7 +67,7 @@ def test_every_cell_that_holds_their_surface_is_a_brick_and_few_others_are(
     avatar: Avatar, volume: AvatarVolume
 ) -> None:
     cell = crossed(volume.grid.sdf.numpy() < 0)
-    thin = avatar.person.thin[closest_vertex(volume.skin.closest, centres(volume, cell))[1]]
+    thin = avatar.person.thin_limbs[closest_vertex(volume.skin.closest, centres(volume, cell))[1]]
     assert volume.stored.bricks is not None
     number = volume.stored.bricks.number.numpy()
     assert (number[tuple(cell[thin].T)] > 0).all()
@@ -89,7 +89,7 @@ def test_forearms_are_nearer_to_the_field_and_the_rest_is_as_it_was(
     assert fine < 0.35 * coarse
     assert coarse > 0.0009
     elsewhere = torch.from_numpy(
-        posed.body.vertices.numpy()[~avatar.person.thin & (avatar.person.hand_weight.numpy() == 0)]
+        posed.body.vertices.numpy()[~avatar.person.thin_limbs & (avatar.person.hand_weight.numpy() == 0)]
     )
     same = distance(plain.sdf, elsewhere) == distance(volume.sdf, elsewhere)
     assert same.float().mean() > 0.97
@@ -97,9 +97,9 @@ def test_forearms_are_nearer_to_the_field_and_the_rest_is_as_it_was(
 
 def test_what_the_grid_evaluated_is_not_evaluated_again(avatar: Avatar, volume: AvatarVolume) -> None:
     side, counters, all_counters = 2, Counters(), Counters()
-    found = thin_limbs.with_thin_limbs(volume.body, volume.grid, avatar.person.thin, side, counters).bricks
+    found = thin_limbs.with_thin_limbs(volume.body, volume.grid, avatar.person.thin_limbs, side, counters).bricks
     forgetful = replace(volume.grid, known=None)
-    anew = thin_limbs.with_thin_limbs(volume.body, forgetful, avatar.person.thin, side, all_counters).bricks
+    anew = thin_limbs.with_thin_limbs(volume.body, forgetful, avatar.person.thin_limbs, side, all_counters).bricks
     assert found is not None
     assert anew is not None
     assert np.array_equal(found.cell, anew.cell)
@@ -108,7 +108,7 @@ def test_what_the_grid_evaluated_is_not_evaluated_again(avatar: Avatar, volume: 
 
 
 def test_nothing_is_thin_where_no_surface_is(avatar: Avatar, volume: AvatarVolume) -> None:
-    none = np.zeros_like(avatar.person.thin)
+    none = np.zeros_like(avatar.person.thin_limbs)
     assert thin_limbs.with_thin_limbs(volume.body, volume.grid, none, 2, Counters()) is volume.grid
 
 

@@ -42,7 +42,7 @@ from avatarrex.capture.readers.splits import sealed, with_validation
 from avatarrex.capture.zbuffer import visible_faces
 from avatarrex.errors import check
 from avatarrex.fields.detail_texture import DetailTexture, TexelPlaces
-from avatarrex.fields.light import Light, basis
+from avatarrex.fields.light import Light
 from avatarrex.files.images import write_png
 from avatarrex.files.json_text import write_json
 from avatarrex.metrics.baselines import PIXEL_SAMPLES, fitted_meshes
@@ -57,6 +57,7 @@ from avatarrex.settings import RenderSettings
 from avatarrex.signals.driving import Signals
 from avatarrex.templates.person import Person
 from avatarrex.training.core.exposure import exposed_as
+from avatarrex.training.core.light_fit import LitPixels, fit_light
 from avatarrex.training.core.pixels import training_pairs
 from avatarrex.training.core.projection import FACING, OPAQUE, PICTURES, Projected, paint
 from avatarrex.volume.body_grid import BOX_MARGIN, lattice_around
@@ -68,8 +69,6 @@ SPACING = {"body": 0.002, "face": 0.001}
 """Metres between texels, as recipes have it."""
 NEAR_PARTS = 0.025
 """Metres about the template's hands and face in which they have their finer voxels."""
-LIGHT_ROUNDS = 3
-"""Times that texels and light are found from each other."""
 SHEET = 6
 """Pictures on a contact sheet."""
 
@@ -282,32 +281,20 @@ def painted(surface: Surface, spacing: float, pictures: list[Photographed], lit:
     vertices, faces = torch.from_numpy(surface.vertices), torch.from_numpy(surface.faces)
     everywhere = torch.ones(len(faces), dtype=torch.bool)
     look = Painted(DetailTexture.of(vertices, faces, spacing, everywhere), Light())
-    for number in range(1 + LIGHT_ROUNDS * lit):
-        if number:
-            _find_light(look, pictures)
-        projected = [_projected(look, one) for one in pictures]
-        paint(look.detail, projected, "the training's pictures")
+    pixels = [_lit_pixels(look, one) for one in pictures]
+    with torch.no_grad():
+        if lit:
+            look.light.harmonics.copy_(fit_light(look.light.harmonics, pixels, len(look.detail.texel)))
+        projected = [Projected(p.texel, p.weight, (p.colour / look.light(p.normal)).clamp(0, 1)) for p in pixels]
+    paint(look.detail, projected, "the training's pictures")
     return look
 
 
 @torch.no_grad()
-def _projected(look: Painted, one: Photographed) -> Projected:
+def _lit_pixels(look: Painted, one: Photographed) -> LitPixels:
     places = look.places(one.shown)
-    albedo = one.colour / look.light(torch.from_numpy(one.shown.normal).float())
-    return Projected(places.texel, places.share * one.share[:, None], albedo.clamp(0, 1))
-
-
-@torch.no_grad()
-def _find_light(look: Painted, pictures: list[Photographed]) -> None:
-    """Least squares of c = a E(n) over all pixels, for each channel."""
-    square, right = torch.zeros(3, 8, 8, dtype=torch.float64), torch.zeros(3, 8, dtype=torch.float64)
-    for one in pictures:
-        around = basis(torch.from_numpy(one.shown.normal))
-        albedo = look.albedo(one.shown).double()
-        rows = albedo.T[:, :, None] * around
-        square += torch.einsum("cpi,p,cpj->cij", rows, one.share.double(), rows)
-        right += torch.einsum("cpi,p,pc->ci", rows, one.share.double(), one.colour.double() - albedo)
-    look.light.harmonics.copy_(torch.linalg.solve(square, right).T)
+    normal = torch.from_numpy(one.shown.normal).float()
+    return LitPixels(places.texel, places.share * one.share[:, None], one.colour, normal)
 
 
 def ceilings(capture: Capture, name: str) -> list[Drawer]:

@@ -1,10 +1,10 @@
-"""The light on a face, from pictures alone: how colours of the same texel differ as it is turned. Ours.
+"""A light from pictures alone: how colours of the same texel differ as it is turned. Ours.
 
     min over h and albedos a of  Σ ω |c − a_t E_h(n)|² + λ |h|²
 
 of pixels with colour c on texels t (`fields/light.py`: E, h). Steps like Gauss and Newton's in h, with a_t = Σ ω c / Σ ω E and slopes of
 the channels' mean E; a light that reaches `DARKEST` is not found exactly. Pixels that are far off, shadows and what slid, count less
-(Geman–McClure). What no turn of the head tells stays in the albedo: λ is that of a texel whose harmonics vary by `LEAST_TURN`.
+(Geman–McClure). What no turn tells stays in the albedo: λ is that of a texel whose harmonics vary by `LEAST_TURN`.
 
 Letters: p pixels, k texels around one, t texels. sRGB in [0, 1].
 """
@@ -46,17 +46,14 @@ def fit_light(harmonics: Float[Tensor, "8 3"], pictures: Sequence[LitPixels], te
         square, right = 1e-6 * torch.eye(8).repeat(3, 1, 1), torch.zeros(3, 8)
         for one in pictures:
             off, weight = _residual(found, one, albedo)
-            slope = (
-                basis(one.normal)[:, None] - Irradiance(found)(one.normal).mean(-1)[:, None, None] * change[one.texel]
-            )
+            lit = Irradiance(found)(one.normal).mean(-1)
+            slope = basis(one.normal)[:, None] - lit[:, None, None] * change[one.texel]
             for channel in range(3):
-                tone = albedo[one.texel, channel]
-                row = (tone[..., None] * slope).flatten(0, 1)
-                counted = weight.flatten()
-                square[channel] += row.T @ (counted[:, None] * row)
-                square[channel] += LEAST_TURN**2 * float((weight * tone.square()).sum()) * torch.eye(8)
-                right[channel] += row.T @ (counted * off[..., channel].flatten())
-                right[channel] -= LEAST_TURN**2 * float((weight * tone.square()).sum()) * found[:, channel]
+                texel = albedo[one.texel, channel]
+                row = (texel[..., None] * slope).flatten(0, 1)
+                counted, least = weight.flatten(), LEAST_TURN**2 * (weight * texel.square()).sum()
+                square[channel] += row.T @ (counted[:, None] * row) + least * torch.eye(8)
+                right[channel] += row.T @ (counted * off[..., channel].flatten()) - least * found[:, channel]
         found = found + torch.linalg.solve(square, right).T
     return found
 

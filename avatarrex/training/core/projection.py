@@ -25,6 +25,7 @@ from avatarrex.camera import Camera
 from avatarrex.errors import InputError
 from avatarrex.fields.detail_texture import DetailTexture, TexelPlaces
 from avatarrex.fields.face import FaceField
+from avatarrex.fields.light import Irradiance
 from avatarrex.fields.texel_neighbours import texel_neighbours
 from avatarrex.parts.face import Face, face_state
 from avatarrex.pointmap.point_map import PointMap
@@ -83,19 +84,19 @@ def start_from_pictures(
     chosen = [(one, one.pairs[k]) for one in stores for k in _spread(len(one.pairs), PICTURES // len(stores))]
     detail, where = field.detail, f"{store.rig.name} rig"
 
-    def painted(sightings: Sequence[Sighting], rounds: int = 0) -> None:
-        paint(detail, [project(avatar, one, part) for one in sightings], where, rounds)
+    def painted(sightings: Sequence[Sighting]) -> None:
+        paint(detail, [project(avatar, one, part) for one in sightings], where, 0)
 
     if part == "body" and (slides or rises):
         pictures = (Picture.of(one, *pair) for one, pair in chosen)
         sightings, silhouettes = zip(*((one.sighting(part), one.silhouette()) for one in pictures))
         register(avatar, sightings, silhouettes, painted, slides, rises)
         store.renew(store.age + 1)
-    seen = [Picture.of(one, *pair).sighting(part) for one, pair in chosen]
+    seen = [lit_pixels(avatar, Picture.of(one, *pair).sighting(part), part) for one, pair in chosen]
     if part == "face" and avatar.light.face is not None:
-        pixels = [lit_pixels(avatar, one) for one in seen]
-        avatar.light.face.copy_(fit_light(avatar.light.face, pixels, len(detail.texel)))
-    painted(seen, ROUNDS)
+        avatar.light.face.copy_(fit_light(avatar.light.face, seen, len(detail.texel)))
+    light = Irradiance(avatar.light.harmonics, avatar.light.face)
+    paint(detail, [_projected(one, light, part) for one in seen], where, ROUNDS)
     last = field.colour_net.mlp[-1] if isinstance(field, FaceField) else field.colour_blend[-1]
     for parameter in last.parameters():
         parameter.zero_()
@@ -165,42 +166,42 @@ class Picture:
 
 
 def project(avatar: Avatar, sighting: Sighting, part: str) -> Projected:
-    """A picture's pixels on the texels of `body` or `face`."""
-    if part == "face":
-        places, normal = _on_face(avatar, sighting)
-        light = sighting.light(avatar).on_face(normal)
-    else:
-        places, light = _on_body(avatar, sighting)
-    albedo = (sighting.colour / light).clamp(0, 1)
-    return Projected(places.texel, places.share * sighting.weight[:, None], albedo)
+    """A picture's pixels on the texels of `body` or `face`, in the avatar's light."""
+    light = Irradiance(avatar.light.harmonics, avatar.light.face)
+    return _projected(lit_pixels(avatar, sighting, part), light, part)
+
+
+def _projected(one: LitPixels, light: Irradiance, part: str) -> Projected:
+    """With the light divided out, which is given in the frame in which it is fixed."""
+    lit = light.on_face(one.normal) if part == "face" else light(one.normal)
+    return Projected(one.texel, one.weight, (one.colour / lit).clamp(0, 1))
+
+
+def lit_pixels(avatar: Avatar, sighting: Sighting, part: str) -> LitPixels:
+    """A picture's pixels on the texels of `body` or `face`, with the normals that the light depends on."""
+    places, normal = (_on_face if part == "face" else _on_body)(avatar, sighting)
+    if avatar.light.frame == "world":
+        normal = normal @ torch.as_tensor(sighting.world_from_root[:3, :3].T.copy()).to(normal)
+    return LitPixels(places.texel, places.share * sighting.weight[:, None], sighting.colour, normal)
 
 
 def _on_body(avatar: Avatar, sighting: Sighting) -> tuple[TexelPlaces, Tensor]:
-    """Texels about surface points, and the light that falls on them."""
+    """Texels about surface points, and the unit normals of the anchors beside them, root frame."""
     assert avatar.body.detail is not None
     samples, beside = sighting.slid(avatar), sighting.beside
     rest = samples.painted_position(sighting.position, beside)
-    return avatar.body.detail.places(rest), sighting.light(avatar)(samples.facing(beside))
+    return avatar.body.detail.places(rest), samples.facing(beside)
 
 
 def _on_face(avatar: Avatar, sighting: Sighting) -> tuple[TexelPlaces, Tensor]:
-    """Texels about points of the face, and its normals there, root frame."""
+    """The same of the face, with the normals of its surface."""
     face = avatar.parts["face"]
     assert isinstance(face, Face)
     root_from_face, position = sighting.posed.root_from_part("face"), sighting.position
     points = surface_points(root_from_face, position, position, sighting.light(avatar))
-    state = face_state(sighting.states)
-    places = face.places(state, points.position)
+    places, normal = face.places(face_state(sighting.states), points.position)
     assert places is not None
-    return places, face.facing(state, points)
-
-
-def lit_pixels(avatar: Avatar, sighting: Sighting) -> LitPixels:
-    """A picture's pixels on the texels of the face, as they are turned in the frame of the light."""
-    places, normal = _on_face(avatar, sighting)
-    if avatar.light.frame == "world":
-        normal = normal @ torch.as_tensor(sighting.world_from_root[:3, :3].T.copy()).to(normal)
-    return LitPixels(places.texel, places.share * sighting.weight[:, None], sighting.colour, normal)
+    return places, normal @ points.root_from_part.T
 
 
 def paint(detail: DetailTexture, pictures: list[Projected], where: str, rounds: int = ROUNDS) -> None:

@@ -140,7 +140,7 @@ class Trainer:
             self._warm_start()
             self.group.agree(self.avatar.modules().values())
         if state is None and stage.part == "face" and stage.name == "I":
-            self.avatar.light.light_face()
+            self.avatar.light.add_face()
         if state is None and stage.part == "body":
             self._clamp_codes(rig, stage.recipe)
         unseen = self.hidden | {"left_hand", "right_hand"} if stage.part == "face" else self.hidden
