@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 from scipy.ndimage import grey_dilation, grey_erosion
+from scipy.spatial.transform import Rotation
 from training.miniature import perturbed, write_miniature
 
 from avatarrex.avatar import Avatar
@@ -18,9 +19,11 @@ from avatarrex.fields.detail_texture import DetailTexture
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.sequence import SignalSequence
 from avatarrex.templates.person import load_person
+from avatarrex.templates.posed import PosedPerson
+from avatarrex.training.core import projection
 from avatarrex.training.core.carving import carve
 from avatarrex.training.core.frames import FrameStore
-from avatarrex.training.core.projection import Picture, Projected, paint, start_from_pictures
+from avatarrex.training.core.projection import Picture, Projected, lit_pixels, paint, project, start_from_pictures
 
 HIDDEN = frozenset({"face", "left_hand", "right_hand"})
 
@@ -96,6 +99,72 @@ def test_a_raised_surface_is_met_by_the_same_rays_nearer_the_eye(store: FrameSto
     assert torch.allclose(
         nearer * one.weight.sqrt(), torch.full_like(nearer, 0.01), atol=1e-5
     )  # the weight is the squared cosine
+
+
+@pytest.fixture(scope="module")
+def faces(tmp_path_factory: pytest.TempPathFactory) -> FrameStore:
+    """The same of the face, which has a light of its own."""
+    rig = sealed(open_capture(write_miniature(tmp_path_factory.mktemp("face"), "face")), "train").rigs["face"]
+    avatar = perturbed("face", 0)
+    avatar.light.frame = "world"
+    avatar.light.add_face()
+    store = FrameStore(avatar, rig, "face", HIDDEN - {"face"}, True)
+    store.renew(0)
+    start_from_pictures(avatar, "face", store, 0.01)
+    return store
+
+
+@pytest.mark.parametrize("part", ["body", "face"])
+def test_light_falls_on_pixels_as_they_are_turned_in_the_world(request: pytest.FixtureRequest, part: str) -> None:
+    """A person who is turned: normals are the surface's, and what is divided out is what a picture shows."""
+    store: FrameStore = request.getfixturevalue("store" if part == "body" else "faces")
+    avatar, world = store.avatar, np.eye(4)
+    world[:3, :3] = Rotation.from_rotvec([0.3, 1.2, -0.4]).as_matrix()
+    one = replace(Picture.of(store, *store.pairs[0]).sighting(part), world_from_root=world)
+    kept = {name: value.clone() for name, value in avatar.light.state_dict().items()}
+    with torch.no_grad():
+        for harmonics in avatar.light.parameters():
+            harmonics.normal_(0.0, 0.1, generator=torch.Generator().manual_seed(len(kept)))
+    avatar.light.frame = "root"
+    normal = lit_pixels(avatar, one, part).normal
+    avatar.light.frame = "world"
+    facing = (normal * one.parallax).sum(1) * one.weight.sqrt()  # the weight is the squared cosine
+    assert (facing - one.weight.sqrt()).abs().median() < (0.02 if part == "face" else 0.2)
+    turned = lit_pixels(avatar, one, part).normal
+    torch.testing.assert_close(turned, normal @ torch.from_numpy(world[:3, :3]).float().T, atol=1e-5, rtol=0)
+    light = avatar.light.over(world)
+    expected = light.on_face(normal) if part == "face" else light(normal)
+    albedo = project(avatar, one, part).albedo
+    inside = ((albedo > 0) & (albedo < 1)).all(1)
+    assert inside.float().mean() > 0.5
+    torch.testing.assert_close((albedo * expected)[inside], one.colour[inside], atol=1e-5, rtol=0)
+    avatar.light.load_state_dict(kept)
+
+
+def test_normals_of_a_face_turn_with_the_head(faces: FrameStore, monkeypatch: pytest.MonkeyPatch) -> None:
+    avatar, turn, placed = faces.avatar, np.eye(4), PosedPerson.root_from_part
+    turn[:3, :3] = Rotation.from_rotvec([0.2, -0.6, 0.3]).as_matrix()
+    rotation = torch.from_numpy(turn[:3, :3]).float()
+    one = replace(Picture.of(faces, *faces.pairs[0]).sighting("face"), world_from_root=np.eye(4))
+    upright = lit_pixels(avatar, one, "face").normal
+    monkeypatch.setattr(PosedPerson, "root_from_part", lambda self, name: turn @ placed(self, name))
+    turned = lit_pixels(avatar, replace(one, position=one.position @ rotation.T), "face").normal
+    assert (turned * (upright @ rotation.T)).sum(1).median() > 0.9999
+
+
+def test_a_face_is_painted_in_the_light_that_was_found(faces: FrameStore, monkeypatch: pytest.MonkeyPatch) -> None:
+    avatar, albedo = faces.avatar, {}
+    for brightness in (0.0, 0.2):
+        lamp = torch.zeros(8, 3)
+        lamp[2] = brightness
+        monkeypatch.setattr(projection, "fit_light", lambda harmonics, pictures, texels, lamp=lamp: lamp)
+        start_from_pictures(avatar, "face", faces, 0.01)
+        assert avatar.light.face is not None
+        assert avatar.light.face.tolist() == lamp.tolist()
+        assert avatar.face.detail is not None
+        albedo[brightness] = torch.sigmoid(avatar.face.detail.texel).detach()
+    nose = torch.from_numpy(avatar.face.detail.lattice.position)[:, 2].topk(40).indices
+    assert (albedo[0.2][nose] / albedo[0.0][nose]).median() < 0.9, "what is lit from the front is painted darker"
 
 
 def test_the_networks_begin_at_nothing(painted: Avatar) -> None:
