@@ -26,7 +26,8 @@ from scipy.spatial import cKDTree
 from avatarrex.camera import Camera
 from avatarrex.capture.fit.capture_fit import fit_geometry
 from avatarrex.capture.fit.check import template_surface
-from avatarrex.capture.fit.photo import DEPTH_TOLERANCE, FACING, OPAQUE
+from avatarrex.capture.fit.paint import DEPTH_TOLERANCE
+from avatarrex.capture.fit.photo import FACING, OPAQUE
 from avatarrex.capture.readers.rigs import Capture
 from avatarrex.capture.zbuffer import visible_faces
 from avatarrex.errors import check

@@ -74,9 +74,7 @@ class FaceOffsets:
         vertices = data["vertices"]
         if not isinstance(vertices, list) or not all(type(vertex) is int for vertex in vertices):
             raise InputError("person fit", "face.vertices", "a list of integers", repr(vertices)[:60])
-        joints = data.get("eye_joints", False)
-        if not isinstance(joints, bool):
-            raise InputError("person fit", "face.eye_joints", "true or false", repr(joints)[:60])
+        joints = flag(data, "eye_joints", "face.eye_joints")
         rest, moves = (np.array(data[name], dtype=np.float64) for name in ("rest", "moves"))
         directions = np.array(data["directions"], dtype=np.float64)
         if not directions.size:
@@ -96,6 +94,14 @@ class FaceOffsets:
             len(body.v_template), *self.moves.shape[1:]
         )
         return weights @ self.rest, moved @ self.directions.reshape(-1, e)
+
+
+def flag(data: dict[str, Any], name: str, field: str) -> bool:
+    """`data[name]`, false where there is none. Raises `InputError`, of `field`."""
+    value = data.get(name, False)
+    if not isinstance(value, bool):
+        raise InputError("person fit", field, "true or false", repr(value)[:60])
+    return value
 
 
 def node_weights(body: TemplateModel, nodes: tuple[int, ...]) -> csr_array:

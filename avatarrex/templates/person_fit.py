@@ -1,8 +1,8 @@
 """Another body's size on a person's template: shape, offsets of the joints, offsets of the skin, and a face (face_offsets.py).
 
 The skin follows the joints' offsets by the smooth field that interpolates them, φ(r) = r with an affine part, in which a
-bone takes its flesh along evenly; then its own offsets are added. Letters: v vertices, j joints, n offsets. Metres, root
-frame.
+bone takes its flesh along evenly; then its own offsets are added. Eyeballs turn about their joints: they and their lids
+stay there. Letters: v vertices, j joints, n offsets. Metres, root frame.
 """
 
 from __future__ import annotations
@@ -18,11 +18,13 @@ from scipy.spatial import cKDTree
 
 from avatarrex.errors import InputError
 from avatarrex.signals.joints import JOINT_NAMES
-from avatarrex.templates.face_offsets import FaceOffsets
+from avatarrex.templates.face_offsets import FaceOffsets, flag
 from avatarrex.templates.model import EYES, TemplateModel
 
 SPREAD_SIGMA = 0.05
 """Metres: σ of a surface offset, about what 320 of them are apart."""
+EYE_STAYS, EYE_FREE = 0.022, 0.044
+"""Metres from an eye's middle up to which the skin stays, lids to their creases, and from which it moves as it is told."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,6 +35,8 @@ class SurfaceOffsets:
     """Indices into the body template."""
     offsets: np.ndarray
     """(n, 3) metres."""
+    eyes_stay: bool = False
+    """Whether eyes and lids stay at the eyes' joints, whatever the skin around does; False in the files of before."""
 
     def __post_init__(self) -> None:
         value = np.asarray(self.offsets, dtype=np.float64)
@@ -40,8 +44,9 @@ class SurfaceOffsets:
             raise InputError("person fit", "surface.offsets", f"({len(self.vertices)}, 3) below 1 m", value.shape)
         object.__setattr__(self, "offsets", value)
 
-    def weights(self, rest: np.ndarray) -> csr_array:
-        """(v, n) of the original rest vertices (v, 3): Gaussians of the eight nearest, as wide as those are apart."""
+    def weights(self, body: TemplateModel) -> csr_array:
+        """(v, n) at the rest vertices of the original `body`: Gaussians of the eight nearest, as wide as those are apart."""
+        rest = body.v_template.double().numpy()
         if min(self.vertices) < 0 or max(self.vertices) >= len(rest) or len(self.vertices) < 8:
             raise InputError(
                 "person fit", "surface.vertices", f"8 or more indices below {len(rest)}", self.vertices[:8]
@@ -50,8 +55,15 @@ class SurfaceOffsets:
         away, nearest = cKDTree(centres).query(rest, 8)
         value = np.exp(-0.5 * (away / SPREAD_SIGMA) ** 2) + 1e-9
         value /= value.sum(1, keepdims=True)
+        if self.eyes_stay:
+            for near in _near_eyes(body).values():
+                value *= 1 - near[:, None]
         rows = np.repeat(np.arange(len(rest)), 8)
         return csr_array((value.ravel(), (rows, nearest.ravel())), shape=(len(rest), len(centres)))
+
+    def moved(self, body: TemplateModel) -> np.ndarray:
+        """(v, 3) what vertices of the original `body` move by."""
+        return np.asarray(self.weights(body) @ self.offsets)
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,6 +92,8 @@ class PersonFit:
         fit: dict[str, Any] = {"shape": self.shape.tolist(), "joint_offsets": self.joint_offsets.tolist()}
         if self.surface is not None:
             fit["surface"] = {"vertices": list(self.surface.vertices), "offsets": self.surface.offsets.tolist()}
+            if self.surface.eyes_stay:
+                fit["surface"]["eyes_stay"] = True
         if self.face is not None:
             fit["face"] = self.face.to_json()
         return fit
@@ -94,7 +108,8 @@ class PersonFit:
             surface, face = None, None
             if "surface" in data:
                 moved = np.array(data["surface"]["offsets"], dtype=np.float64)
-                surface = SurfaceOffsets(tuple(map(int, data["surface"]["vertices"])), moved)
+                stay = flag(data["surface"], "eyes_stay", "surface.eyes_stay")
+                surface = SurfaceOffsets(tuple(map(int, data["surface"]["vertices"])), moved, stay)
             if "face" in data:
                 face = FaceOffsets.from_json(data["face"])
             return cls(shape, offsets, surface, face)
@@ -113,7 +128,13 @@ class PersonFit:
 
         follows = RBFInterpolator(joints, self.joint_offsets, kernel="linear", degree=1)(vertices)
         if self.surface is not None:
-            follows += self.surface.weights(body.v_template.numpy()) @ self.surface.offsets
+            follows += self.surface.moved(body)
+            if self.surface.eyes_stay:
+                far = vertices + follows - body.v_template.numpy()
+                for eye, near in _near_eyes(body).items():
+                    joint = JOINT_NAMES.index(eye)
+                    wanted = placed[joint] - body.joint_template[joint].numpy()
+                    follows += near[:, None] * (wanted - far[body.groups[eye]].mean(0))
         expressions = body.expression_dirs
         if self.face is not None:
             rest, own = self.face.shapes(body)
@@ -123,3 +144,15 @@ class PersonFit:
                     placed[JOINT_NAMES.index(eye)] += rest[body.groups[eye]].mean(0)
         moved = torch.from_numpy(vertices + follows), torch.from_numpy(placed)
         return replace(body, v_template=moved[0], joint_template=moved[1], expression_dirs=expressions)
+
+
+def _near_eyes(body: TemplateModel) -> dict[str, np.ndarray]:
+    """By eye (v,): 1 on its ball and lids, 0 farther away."""
+    rest, near = body.v_template.double().numpy(), {}
+    for eye in EYES:
+        if eye in body.groups:
+            away = np.linalg.norm(rest - rest[body.groups[eye]].mean(0), axis=1)
+            t = np.clip((away - EYE_STAYS) / (EYE_FREE - EYE_STAYS), 0, 1)
+            near[eye] = 1 - t * t * (3 - 2 * t)
+    total = np.maximum(sum(near.values()), 1) if near else 1
+    return {eye: value / total for eye, value in near.items()}

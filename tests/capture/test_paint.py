@@ -127,5 +127,10 @@ def test_a_point_is_hidden_by_what_lies_before_it() -> None:
     solid[:, :20] = False
     picture = Blurred(camera, np.zeros((9, 60, 60)), solid)
     place = np.array([[0, -0.1, 0], [0, 0, -0.5], [0.6, 0, -0.5], [0.6, 0, -0.5], [-0.9, 0, -0.5]])
-    seen = picture.shows(vertices, faces, np.array([0, 2, 2, 4, 2]), place)
+    seen = picture.shows(vertices, faces, np.array([0, 2, 2, 4, 2]), place, 0.006)
     assert (seen != 0).tolist() == [True, False, True, False, False]
+    vertices[4:, 2] = -0.003  # as far behind as a lid is thick
+    place[:, 2] = vertices[[0, 4, 4, 4, 4], 2]
+    for tolerance, thin in ((0.006, True), (0.002, False)):
+        seen = picture.shows(vertices, faces, np.array([0, 2, 2, 4, 2]), place, tolerance)
+        assert (seen != 0).tolist() == [True, thin, True, False, False]

@@ -52,6 +52,7 @@ def test_the_skin_moves_onto_the_mattes(stout: Person, tmp_path: Path) -> None:
     assert person.fit.surface is not None
     before, after = away(capture.person, stout), away(person, stout)
     assert before > 0.01
+    assert person.fit.surface.eyes_stay
     assert after < 0.5 * before  # two cameras a third of a turn apart do not see all of it
     torch.testing.assert_close(person.body.joint_template, capture.person.body.joint_template, atol=1e-6, rtol=0)
     rig, faces = capture.rigs["body"], person.body.faces.numpy()

@@ -152,19 +152,25 @@ def test_normals_of_a_face_turn_with_the_head(faces: FrameStore, monkeypatch: py
     assert (turned * (upright @ rotation.T)).sum(1).median() > 0.9999
 
 
-def test_a_face_is_painted_in_the_light_that_was_found(faces: FrameStore, monkeypatch: pytest.MonkeyPatch) -> None:
-    avatar, albedo = faces.avatar, {}
+@pytest.mark.parametrize("part", ["body", "face"])
+def test_a_part_is_painted_in_the_light_that_was_found(
+    request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch, part: str
+) -> None:
+    store: FrameStore = request.getfixturevalue("store" if part == "body" else "faces")
+    avatar, albedo, kept = store.avatar, {}, store.avatar.body.detail
+    field, (light,) = avatar.body if part == "body" else avatar.face, avatar.light.learnt_with(part)
     for brightness in (0.0, 0.2):
         lamp = torch.zeros(8, 3)
         lamp[2] = brightness
         monkeypatch.setattr(projection, "fit_light", lambda harmonics, pictures, texels, lamp=lamp: lamp)
-        start_from_pictures(avatar, "face", faces, 0.01)
-        assert avatar.light.face is not None
-        assert avatar.light.face.tolist() == lamp.tolist()
-        assert avatar.face.detail is not None
-        albedo[brightness] = torch.sigmoid(avatar.face.detail.texel).detach()
-    nose = torch.from_numpy(avatar.face.detail.lattice.position)[:, 2].topk(40).indices
-    assert (albedo[0.2][nose] / albedo[0.0][nose]).median() < 0.9, "what is lit from the front is painted darker"
+        start_from_pictures(avatar, part, store, 0.01)
+        assert light.tolist() == lamp.tolist()
+        assert field.detail is not None
+        albedo[brightness] = torch.sigmoid(field.detail.texel).detach()
+    front = torch.from_numpy(field.detail.lattice.position)[:, 2].topk(40).indices
+    assert (albedo[0.2][front] / albedo[0.0][front]).median() < 0.9, "what is lit from the front is painted darker"
+    avatar.body.detail = kept
+    light.detach().zero_()
 
 
 def test_the_networks_begin_at_nothing(painted: Avatar) -> None:

@@ -23,6 +23,7 @@ from scipy.linalg import solve
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
+from scipy.spatial.distance import cdist
 from tqdm import tqdm
 
 from avatarrex.capture.fit.check import compared_frames, posed_in_world
@@ -35,6 +36,7 @@ from avatarrex.signals.driving import Signals
 from avatarrex.templates.face_offsets import FaceOffsets, mesh_edges, node_weights
 from avatarrex.templates.model import EYES, MOUTH, TEETH, TemplateModel
 from avatarrex.templates.person import Person, load_person, resize_person
+from avatarrex.templates.person_fit import SurfaceOffsets
 
 FRAMES, ALIKE = 16, 1e-3
 """Of the training's, the most different expressions; and how near in ψ and radians those are that count as one."""
@@ -44,6 +46,8 @@ POINT_COUNT = 20_000
 """A point each 2 mm, and more where nodes are fine."""
 PATCHES = 12
 """Of points: what all of one have in common in a picture is light and exposure."""
+LID = 0.0015
+"""Metres that a point may lie beyond the first surface and be seen: less than a lid's thickness."""
 SPACING, FINE, WIDEN = 0.015, 0.01, 0.5
 """Metres between the nodes, along the mesh; at lids and lips; and metres for each metre away from those."""
 FEATURES = ((EYES, 0.006), (TEETH, 0.012))
@@ -52,8 +56,8 @@ BLURS = (0.006, 0.005, 0.004, 0.003, 0.002, 0.0013)
 """Metres, by round: Gaussians of the pictures. The first rounds see what lies far off."""
 REST_SIGMA, MOVE_SIGMA = 0.01, 0.005
 """σ_o along the normal, and σ_d of a whole unit of ψ: metres."""
-EYE_SIGMA = 0.003
-"""σ of o of an eyeball, each way."""
+EYE_SIGMA, EYE_MOVE = 0.003, 0.0003
+"""σ of o of an eyeball, each way, and of its d: expressions move lids."""
 SIDE_SIGMA = 0.0005
 """σ of o across the normal: a skin that slides on itself at rest shows the same colours."""
 NEIGHBOURS, TIE = 4, 4.0
@@ -65,6 +69,8 @@ LIDS = 20.0
 """How many differences the tie of an eyeball to a node of its lids counts as: lids slide on it, and hide it when they are closed."""
 STRENGTH = 100.0
 """1/σ_c², σ_c = 0.1 sRGB."""
+SMOOTH = 0.02
+"""Metres over which normals are averaged: a lip faces every way."""
 Seen = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 """Of a picture: rows of the points that it shows, cosines, colours, slopes."""
 LIP = 0.012
@@ -89,6 +95,8 @@ def fit_to_pictures(person: Person, posed: Sequence[Posed], blurs: Sequence[floa
     base, plain = load_person(person.name), replace(person.fit, face=None)
     points = _points(base)
     field = _Field(base, points, *_directions(np.stack([signals.expression for signals, _ in posed])))
+    field.begin(base.body, person.fit.surface)
+    person = resize_person(base, replace(plain, face=field.offsets()))
     with tqdm(total=len(blurs) * len(posed), desc="fit face", unit="frame", leave=False) as bar:
         for blur in blurs:
             seen = []
@@ -108,18 +116,30 @@ class _Field:
         self.directions, self.mean, self.patch = directions, mean, points.patch
         self.nodes, between = _spread(base.body, np.unique(faces[points.face]))
         eye = base.body.of_groups(EYES).numpy()[list(self.nodes)]
+        self.begun = np.zeros((len(self.nodes), 3))
         self.skin, self.place = np.unique(faces[points.face, points.share.argmax(1)], return_inverse=True)
         self.weights = node_weights(base.body, self.nodes)[self.skin]
         self.behind = _behind(base.body, self.nodes)
         self.now = np.zeros((len(self.nodes), 3, 1 + len(directions)))
         sigma = np.tile([REST_SIGMA, *[MOVE_SIGMA] * len(directions)], (len(self.nodes), 1))
-        sigma[eye, 0] = EYE_SIGMA
+        sigma[eye] = [EYE_SIGMA, *[EYE_MOVE] * len(directions)]
         place, normal = (each[list(self.nodes)].double().numpy() for each in (base.body.v_template, base.body.normals))
         self.sideways = (np.eye(3) - normal[:, :, None] * normal[:, None]) / SIDE_SIGMA**2
         self.sideways[eye] = 0
         through = FLESH * _flesh(place, normal) + LIDS * _lids(base.body, self.nodes)
         tied = np.eye(len(self.nodes)) + TIE * _differences(between, through)
         self.stiffness = tied[..., None] / (sigma[:, None] * sigma)
+
+    def begin(self, body: TemplateModel, surface: SurfaceOffsets | None) -> None:
+        """Undo what the fit of the skin moved it by along itself: outlines say nothing of that."""
+        if surface is not None:
+            nodes = list(self.nodes)
+            moved, place = surface.moved(body)[nodes], body.v_template.double().numpy()[nodes]
+            near = np.exp(-0.5 * cdist(place, place) ** 2 / SMOOTH**2)
+            normal = near @ body.normals[nodes].double().numpy()
+            normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+            outwards = (moved * normal).sum(1, keepdims=True) * normal
+            self.begun = outwards - moved
 
     def improve(self, person: Person, signals: Sequence[Signals], seen: Sequence[list[Seen]]) -> None:
         """One step of Gauss and Newton from the face of `person`; `seen` by frame and picture."""
@@ -159,7 +179,7 @@ class _Field:
     def offsets(self) -> FaceOffsets:
         """What has been found; ψ = 0 is rest."""
         moves = self.now[..., 1:]
-        rest = self.now[..., 0] - moves @ (self.directions @ self.mean)
+        rest = self.begun + self.now[..., 0] - moves @ (self.directions @ self.mean)
         inner = self.behind.any(1)
         rest[inner] = self.behind[inner] @ rest
         return FaceOffsets(self.nodes, rest, self.directions, moves, eye_joints=True)
@@ -212,7 +232,7 @@ def _points(base: Person) -> Points:
     share = rng.dirichlet(np.ones(3), POINT_COUNT)
     place = np.einsum("pk,pkc->pc", share, body.v_template.double().numpy()[faces[chosen]])
     centres = place[rng.choice(POINT_COUNT, PATCHES, replace=False)]
-    return Points(chosen, share, cKDTree(centres).query(place)[1])
+    return Points(chosen, share, cKDTree(centres).query(place)[1], LID)
 
 
 def _directions(expressions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -41,6 +41,8 @@ SEEN = 1e-3
 """Weight from which a point has a colour."""
 STRENGTH = 100.0
 """1/σ² of a point's colour, σ = 0.1 sRGB."""
+DEPTH_TOLERANCE = 0.006
+"""Metres that a point may lie beyond the z-buffer's surface: a pixel's slope, less than a finger's thickness."""
 FLAT = 1.0
 """Σ ω ∇cᵀ∇c, sRGB per metre, squared, below which there is no pattern along an axis."""
 
@@ -58,6 +60,8 @@ class Points:
     """(p, 3) its barycentrics."""
     patch: np.ndarray
     """(p,) which patch it is in."""
+    tolerance: float = DEPTH_TOLERANCE
+    """Metres that one may lie beyond the first surface and be seen."""
 
     @classmethod
     def of(cls, person: Person) -> Points:
@@ -167,7 +171,7 @@ def sights(
     for photo in photos:
         depth = float(np.median(photo.camera.seen(vertices)[:, 2]))
         picture = photo.blurred(max(depth, 0.1), blur)
-        cosine = picture.shows(vertices, faces, points.face, place)
+        cosine = picture.shows(vertices, faces, points.face, place, points.tolerance)
         row = np.flatnonzero(cosine)
         yield row, cosine[row], *picture.at(place[row])
 

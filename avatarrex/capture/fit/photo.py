@@ -20,8 +20,6 @@ PHOTO_PIXELS = 512
 """Pixels of the longer side at most."""
 FACING = 0.3
 """Cosine from which a point is believed: beyond 72 degrees a pixel covers three times its width."""
-DEPTH_TOLERANCE = 0.006
-"""Metres that a point may lie beyond the z-buffer's surface: a pixel's slope, less than a finger's thickness."""
 OPAQUE = 250
 """Matte byte from which a pixel has the person's colour alone."""
 LEAST_BLUR = 0.7
@@ -74,8 +72,11 @@ class Blurred:
         found = found.reshape(len(place), 3, 3)
         return found[..., 0], found[..., 1:] @ self.camera.slopes(place)
 
-    def shows(self, vertices: np.ndarray, faces: np.ndarray, face: np.ndarray, place: np.ndarray) -> np.ndarray:
-        """(p,) cosine at which points `place` (p, 3) of triangles `face` (p,) are seen; 0 where something hides them."""
+    def shows(
+        self, vertices: np.ndarray, faces: np.ndarray, face: np.ndarray, place: np.ndarray, tolerance: float
+    ) -> np.ndarray:
+        """(p,) cosine at which points `place` (p, 3) of triangles `face` (p,) are seen; 0 where something `tolerance` metres before
+        them hides them."""
         camera = self.camera
         a, b, c = (vertices[faces[face, corner]] for corner in range(3))
         normal, way = np.cross(b - a, c - a), camera.centre - place
@@ -86,7 +87,7 @@ class Blurred:
         seen = np.flatnonzero(inside & (pixel < (camera.width, camera.height)).all(1))
         column, row = pixel[seen].astype(np.int64).T
         first = visible_faces(vertices, faces, camera)[2][row, column]
-        seen = seen[(depth[seen] < first + DEPTH_TOLERANCE) & self.solid[row, column]]
+        seen = seen[(depth[seen] < first + tolerance) & self.solid[row, column]]
         found = np.zeros(len(place))
         found[seen] = cosine[seen]
         return found

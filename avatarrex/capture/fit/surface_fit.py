@@ -12,6 +12,7 @@ Joints stay. Letters: v vertices, n nodes of the field, k constraints. Metres.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy.sparse import hstack
@@ -63,7 +64,7 @@ def fit_to_mattes(person: Person, seen: Sequence[Seen]) -> Person:
                 found.append(_at_rest(person, one))
                 bar.update()
             offsets = field.solve(found, offsets, outlier)
-            surface = SurfaceOffsets(tuple(field.nodes.tolist()), offsets)
+            surface = replace(field.still, offsets=offsets)
             person = resize_person(base, PersonFit(fit.shape, fit.joint_offsets, surface))
     return person
 
@@ -74,7 +75,8 @@ class _Field:
     def __init__(self, person: Person) -> None:
         rest = person.body.v_template.double().numpy()
         self.nodes = _spread(rest, FIELD_NODES)
-        self.weights = SurfaceOffsets(tuple(self.nodes.tolist()), np.zeros((FIELD_NODES, 3))).weights(rest)
+        self.still = SurfaceOffsets(tuple(self.nodes.tolist()), np.zeros((FIELD_NODES, 3)), eyes_stay=True)
+        self.weights = self.still.weights(person.body)
         near = cKDTree(rest[self.nodes]).query(rest[self.nodes], 7)[1]
         graph = np.zeros((FIELD_NODES, FIELD_NODES))
         graph[near[:, :1], near[:, 1:]] = 1

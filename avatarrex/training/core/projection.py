@@ -93,8 +93,8 @@ def start_from_pictures(
         register(avatar, sightings, silhouettes, painted, slides, rises)
         store.renew(store.age + 1)
     seen = [lit_pixels(avatar, Picture.of(one, *pair).sighting(part), part) for one, pair in chosen]
-    if part == "face" and avatar.light.face is not None:
-        avatar.light.face.copy_(fit_light(avatar.light.face, seen, len(detail.texel)))
+    for harmonics in avatar.light.learnt_with(part):
+        harmonics.copy_(fit_light(harmonics, seen, len(detail.texel)))
     light = Irradiance(avatar.light.harmonics, avatar.light.face)
     paint(detail, [_projected(one, light, part) for one in seen], where, ROUNDS)
     last = field.colour_net.mlp[-1] if isinstance(field, FaceField) else field.colour_blend[-1]
