@@ -2,7 +2,8 @@
 
 The face's rig, frames that were held out; the avatar beside the textured mesh that is fitted to the same mattes. Pictures are not
 cut: windows of SSIM reach into the skin around. The region is where the posed template shows triangles within `REACH` of an eye's
-centre at rest; closed eyes count, too. Letters: h w pixels, f faces.
+centre at rest; closed eyes count, too. An avatar is drawn in the exposure of its body's pictures: where rigs differ, `--exposed-as`
+makes them one. Letters: h w pixels, f faces.
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ from avatarrex.metrics.table import printed
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.joints import JOINT_NAMES
 from avatarrex.templates.person import Person
+from avatarrex.training.core.exposure import one_exposure
 
 REACH = 0.022
 """Metres about an eye's centre: the ball, both lids to their creases, and the corners."""
@@ -88,6 +90,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     """Of whom, against what."""
     parser.add_argument("avatar", help="name, folder or .avatar file")
     parser.add_argument("capture", help="a folder or .zip with a face rig")
+    exposed = "pictures as the cameras of another rig would have taken them"
+    parser.add_argument("--exposed-as", metavar="RIG", help=exposed)
     parser.add_argument("--json", metavar="FILE.json")
 
 
@@ -98,10 +102,12 @@ def run(options: argparse.Namespace) -> None:
         avatar, options.avatar, with_validation(open_capture(options.capture, template=avatar.person.name))
     )
     check("face" in capture.rigs, options.capture, "", "a face rig", ", ".join(capture.rigs))
+    person = avatar.person if own else capture.person
+    if options.exposed_as:
+        capture = one_exposure(capture, options.exposed_as, person)
     rig = capture.rigs["face"]
     pairs = [(v, f) for f in sorted(rig.held_out_frames) for v in range(len(rig.views)) if rig.available(v, f)]
     check(pairs, options.capture, "face rig", "pictures of held-out frames", "none")
-    person = avatar.person if own else capture.person
     drawers: list[Drawer] = [AvatarDrawer(avatar), *fitted_meshes(capture, person, list(observations(rig)))]
     found = measure(person, rig, drawers, pairs)
     row = printed("eyes".ljust(26), "pictures", *MEASURES)
@@ -113,6 +119,7 @@ def run(options: argparse.Namespace) -> None:
             {
                 "avatar": options.avatar,
                 "capture": options.capture,
+                "exposed_as": options.exposed_as,
                 "frames": sorted(rig.held_out_frames),
                 "eyes": found,
             },
