@@ -56,8 +56,7 @@ class SurfaceOffsets:
         value = np.exp(-0.5 * (away / SPREAD_SIGMA) ** 2) + 1e-9
         value /= value.sum(1, keepdims=True)
         if self.eyes_stay:
-            for near in _near_eyes(body).values():
-                value *= 1 - near[:, None]
+            value *= 1 - sum(_near_eyes(body).values(), np.zeros(len(rest)))[:, None]
         rows = np.repeat(np.arange(len(rest)), 8)
         return csr_array((value.ravel(), (rows, nearest.ravel())), shape=(len(rest), len(centres)))
 
@@ -147,11 +146,12 @@ class PersonFit:
 
 
 def _near_eyes(body: TemplateModel) -> dict[str, np.ndarray]:
-    """By eye (v,): 1 on its ball and lids, 0 farther away."""
+    """By eye (v,): 1 on its ball and lids, 0 farther away; no more than 1 together."""
     rest, near = body.v_template.double().numpy(), {}
     for eye in EYES:
-        if eye in body.groups:
-            away = np.linalg.norm(rest - rest[body.groups[eye]].mean(0), axis=1)
+        ball = body.of_groups([eye]).numpy()
+        if ball.any():
+            away = np.linalg.norm(rest - rest[ball].mean(0), axis=1)
             t = np.clip((away - EYE_STAYS) / (EYE_FREE - EYE_STAYS), 0, 1)
             near[eye] = 1 - t * t * (3 - 2 * t)
     total = np.maximum(sum(near.values()), 1) if near else 1

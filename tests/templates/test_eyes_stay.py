@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ import torch
 
 from avatarrex.errors import InputError
 from avatarrex.signals.joints import JOINT_NAMES
+from avatarrex.templates import person_fit
 from avatarrex.templates.model import EYES
 from avatarrex.templates.person import Person, load_person, resize_person
 from avatarrex.templates.person_fit import EYE_FREE, EYE_STAYS, PersonFit, SurfaceOffsets
@@ -69,3 +71,24 @@ def test_it_is_part_of_the_fit_and_old_files_have_moved_eyes() -> None:
     data["surface"]["eyes_stay"] = 1
     with pytest.raises(InputError, match=r"person_fit\.surface\.eyes_stay: expected true or false"):
         PersonFit.from_json(data, "avatar.json")
+
+
+def test_eyes_close_together_share_the_skin_between(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The whole of it is kept or free, never more than once."""
+    monkeypatch.setattr(person_fit, "EYE_STAYS", 0.035)
+    monkeypatch.setattr(person_fit, "EYE_FREE", 0.06)
+    near = person_fit._near_eyes(load_person().body)
+    total = near["left_eye"] + near["right_eye"]
+    assert total.max() < 1 + 1e-9
+    assert ((near["left_eye"] > 0.3) & (near["right_eye"] > 0.3)).any()
+    assert (total > 1 - 1e-9).sum() > 100
+    moved, stays = (somebody(stay).body.v_template.double().numpy() for stay in (False, True))
+    far = total == 0
+    np.testing.assert_allclose(stays[far], moved[far], atol=1e-7)
+
+
+def test_a_template_without_eyes_moves_whole() -> None:
+    body = load_person().body
+    blind = replace(body, groups={name: rows for name, rows in body.groups.items() if name not in EYES})
+    surface = SurfaceOffsets(NODES, np.full((len(NODES), 3), 0.004), eyes_stay=True)
+    np.testing.assert_allclose(surface.moved(blind), 0.004, atol=1e-9)

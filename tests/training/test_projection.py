@@ -1,5 +1,6 @@
 """Pictures onto the body: its texture before pass II, and what stands off it."""
 
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
@@ -157,20 +158,38 @@ def test_a_part_is_painted_in_the_light_that_was_found(
     request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch, part: str
 ) -> None:
     store: FrameStore = request.getfixturevalue("store" if part == "body" else "faces")
-    avatar, albedo, kept = store.avatar, {}, store.avatar.body.detail
+    avatar, albedo = store.avatar, {}
     field, (light,) = avatar.body if part == "body" else avatar.face, avatar.light.learnt_with(part)
-    for brightness in (0.0, 0.2):
-        lamp = torch.zeros(8, 3)
-        lamp[2] = brightness
-        monkeypatch.setattr(projection, "fit_light", lambda harmonics, pictures, texels, lamp=lamp: lamp)
-        start_from_pictures(avatar, part, store, 0.01)
-        assert light.tolist() == lamp.tolist()
-        assert field.detail is not None
-        albedo[brightness] = torch.sigmoid(field.detail.texel).detach()
-    front = torch.from_numpy(field.detail.lattice.position)[:, 2].topk(40).indices
-    assert (albedo[0.2][front] / albedo[0.0][front]).median() < 0.9, "what is lit from the front is painted darker"
-    avatar.body.detail = kept
-    light.detach().zero_()
+    kept, before = field.detail, light.detach().clone()
+    try:
+        for brightness in (0.0, 0.2):
+            lamp = torch.zeros(8, 3)
+            lamp[2] = brightness
+            monkeypatch.setattr(projection, "fit_light", lambda harmonics, pictures, texels, lamp=lamp: lamp)
+            start_from_pictures(avatar, part, store, 0.01)
+            assert light.tolist() == lamp.tolist()
+            assert field.detail is not None
+            albedo[brightness] = torch.sigmoid(field.detail.texel).detach()
+        front = torch.from_numpy(field.detail.lattice.position)[:, 2].topk(40).indices
+        assert (albedo[0.2][front] / albedo[0.0][front]).median() < 0.9, "what is lit from the front is painted darker"
+    finally:
+        field.detail = kept
+        light.detach().copy_(before)
+
+
+def test_a_light_is_found_from_its_own_rig(store: FrameStore, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Another rig, whose pictures are painted, too, stands in another light."""
+    counts, kept, before = [], store.avatar.body.detail, store.avatar.light.harmonics.detach().clone()
+    monkeypatch.setattr(projection, "fit_light", lambda harmonics, seen, texels: counts.append(len(seen)) or harmonics)
+    try:
+        for close in (None, copy(store)):
+            monkeypatch.setattr(store, "close", close)
+            start_from_pictures(store.avatar, "body", store, 0.01)
+    finally:
+        store.avatar.body.detail = kept
+        store.avatar.light.harmonics.detach().copy_(before)
+    assert counts[0] == min(len(store.pairs), projection.PICTURES)
+    assert counts[1] == min(len(store.pairs), projection.PICTURES // 2)
 
 
 def test_the_networks_begin_at_nothing(painted: Avatar) -> None:

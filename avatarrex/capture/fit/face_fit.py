@@ -95,7 +95,7 @@ def fit_to_pictures(person: Person, posed: Sequence[Posed], blurs: Sequence[floa
     base, plain = load_person(person.name), replace(person.fit, face=None)
     points = _points(base)
     field = _Field(base, points, *_directions(np.stack([signals.expression for signals, _ in posed])))
-    field.begin(base.body, person.fit.surface)
+    field.begin(base, person.fit.surface)
     person = resize_person(base, replace(plain, face=field.offsets()))
     with tqdm(total=len(blurs) * len(posed), desc="fit face", unit="frame", leave=False) as bar:
         for blur in blurs:
@@ -126,20 +126,17 @@ class _Field:
         place, normal = (each[list(self.nodes)].double().numpy() for each in (base.body.v_template, base.body.normals))
         self.sideways = (np.eye(3) - normal[:, :, None] * normal[:, None]) / SIDE_SIGMA**2
         self.sideways[eye] = 0
-        through = FLESH * _flesh(place, normal) + LIDS * _lids(base.body, self.nodes)
-        tied = np.eye(len(self.nodes)) + TIE * _differences(between, through)
+        tied = np.eye(len(self.nodes)) + TIE * _differences(_neighbours(between) + FLESH * _flesh(place, normal))
         self.stiffness = tied[..., None] / (sigma[:, None] * sigma)
+        self.stiffness[..., 0] += TIE * LIDS / REST_SIGMA**2 * _differences(_lids(base.body, self.nodes))
 
-    def begin(self, body: TemplateModel, surface: SurfaceOffsets | None) -> None:
-        """Undo what the fit of the skin moved it by along itself: outlines say nothing of that."""
+    def begin(self, base: Person, surface: SurfaceOffsets | None) -> None:
+        """Undo what the fit of the skin moved the face by along itself, as far as it is face: outlines say nothing of that."""
         if surface is not None:
             nodes = list(self.nodes)
-            moved, place = surface.moved(body)[nodes], body.v_template.double().numpy()[nodes]
-            near = np.exp(-0.5 * cdist(place, place) ** 2 / SMOOTH**2)
-            normal = near @ body.normals[nodes].double().numpy()
-            normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-            outwards = (moved * normal).sum(1, keepdims=True) * normal
-            self.begun = outwards - moved
+            moved, normal = surface.moved(base.body)[nodes], _outwards(base, nodes)
+            slid = moved - (moved * normal).sum(1, keepdims=True) * normal
+            self.begun = -slid * base.blend_weight[nodes, 2:].double().numpy()
 
     def improve(self, person: Person, signals: Sequence[Signals], seen: Sequence[list[Seen]]) -> None:
         """One step of Gauss and Newton from the face of `person`; `seen` by frame and picture."""
@@ -325,12 +322,29 @@ def _behind(body: TemplateModel, nodes: tuple[int, ...]) -> np.ndarray:
     return found
 
 
-def _differences(ways: np.ndarray, through: np.ndarray) -> np.ndarray:
-    """(n, n) whose form is Σ (o_n − o_m)² over nodes and those next to them, by `ways` (n, n) along the mesh, and as often as `through`
-    (n, n) says."""
+def _outwards(base: Person, rows: list[int]) -> np.ndarray:
+    """(n, 3) the way that the head's outer skin faces about vertices, in the mean over `SMOOTH`: lips and lids themselves face every way."""
+    body, skin = base.body, base.blend_weight[:, 2].numpy() > 0
+    rest, normal = body.v_template.double().numpy(), body.normals.double().numpy()
+    inner = body.of_groups((*EYES, *MOUTH)).numpy()
+    inner[base.face.body_vertex_ids.numpy()] |= base.face.mouth.numpy()
+    outer = skin & ~inner & ((normal * (rest - rest[skin].mean(0))).sum(1) > 0)
+    near = np.exp(-0.5 * cdist(rest[rows], rest[outer]) ** 2 / SMOOTH**2)
+    mean = near @ normal[outer]
+    found: np.ndarray = mean / np.linalg.norm(mean, axis=1, keepdims=True).clip(1e-12)
+    return found
+
+
+def _neighbours(ways: np.ndarray) -> np.ndarray:
+    """(n, n) 1 for nodes next to each other, by `ways` (n, n) along the mesh; 2 where each is next to the other."""
     graph = np.zeros_like(ways)
     near = np.argsort(ways, 1)[:, 1 : 1 + NEIGHBOURS]
     np.put_along_axis(graph, near, np.isfinite(np.take_along_axis(ways, near, 1)).astype(float), 1)
-    graph = graph + graph.T + through
+    found: np.ndarray = graph + graph.T
+    return found
+
+
+def _differences(graph: np.ndarray) -> np.ndarray:
+    """(n, n) whose form is Σ graph_nm (o_n − o_m)² over pairs."""
     form: np.ndarray = np.diag(graph.sum(1)) - graph
     return form

@@ -93,8 +93,9 @@ def start_from_pictures(
         register(avatar, sightings, silhouettes, painted, slides, rises)
         store.renew(store.age + 1)
     seen = [lit_pixels(avatar, Picture.of(one, *pair).sighting(part), part) for one, pair in chosen]
+    own = [pixels for (one, _), pixels in zip(chosen, seen) if one is store]  # another rig stands in another light
     for harmonics in avatar.light.learnt_with(part):
-        harmonics.copy_(fit_light(harmonics, seen, len(detail.texel)))
+        harmonics.copy_(fit_light(harmonics, own, len(detail.texel)))
     light = Irradiance(avatar.light.harmonics, avatar.light.face)
     paint(detail, [_projected(one, light, part) for one in seen], where, ROUNDS)
     last = field.colour_net.mlp[-1] if isinstance(field, FaceField) else field.colour_blend[-1]
