@@ -2,7 +2,7 @@
 
 The skin follows the joints' offsets by the smooth field that interpolates them, φ(r) = r with an affine part, in which a
 bone takes its flesh along evenly; then its own offsets are added. Eyeballs turn about their joints: they and their lids
-stay there. Letters: v vertices, j joints, n offsets. Metres, root frame.
+stay there where the skin has offsets (`eyes_stay`). Letters: v vertices, j joints, n offsets. Metres, root frame.
 """
 
 from __future__ import annotations

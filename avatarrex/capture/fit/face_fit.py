@@ -8,8 +8,9 @@ which the pictures agree is sought, over offsets (o, d) of nodes (templates/face
 with c a point's colour in a picture, t its mean, M the head's blended rotation, and φ the frame's expression along the directions in which
 the frames differ most. What one camera sees along its rays others see across them. Each round draws the points where the last one
 has them, in sharper pictures. t follows from the offsets, and is eliminated; o is the face at the frames' mean expression, and moves along
-the normal alone. Eyeballs have a node each, that moves every way. Jaw and eyes turn as the template's do; teeth and tongue lie behind the
-lips at rest as the template's do: no colours move them, for what is seen of them is seen between moving lips.
+the normal alone, from where what the fit of the skin slid along itself is undone. Eyeballs have a node each, that moves every way, with
+their lids, and hardly with expressions. Jaw and eyes turn as the template's do; teeth and tongue lie behind the lips at rest as the
+template's do: no colours move them, for what is seen of them is seen between moving lips.
 Letters: p points, v vertices, n nodes, k directions and one more for rest, e coefficients. Metres; sRGB in [0, 1].
 """
 
@@ -66,7 +67,8 @@ THICK, BEHIND, FLESH = 0.013, 0.5, 4.0
 """Metres of flesh between two nodes that are tied through it, cosine from which one is behind the other, and how many differences
 such a tie counts as."""
 LIDS = 20.0
-"""How many differences the tie of an eyeball to a node of its lids counts as: lids slide on it, and hide it when they are closed."""
+"""How many differences the tie of an eyeball to a node of its lids counts as, at the mean expression: lids slide on it, and hide it when
+they are closed."""
 STRENGTH = 100.0
 """1/σ_c², σ_c = 0.1 sRGB."""
 SMOOTH = 0.02
@@ -116,7 +118,7 @@ class _Field:
         self.directions, self.mean, self.patch = directions, mean, points.patch
         self.nodes, between = _spread(base.body, np.unique(faces[points.face]))
         eye = base.body.of_groups(EYES).numpy()[list(self.nodes)]
-        self.begun = np.zeros((len(self.nodes), 3))
+        self.begun = np.zeros((len(self.nodes), 3))  # what of o is not sought
         self.skin, self.place = np.unique(faces[points.face, points.share.argmax(1)], return_inverse=True)
         self.weights = node_weights(base.body, self.nodes)[self.skin]
         self.behind = _behind(base.body, self.nodes)

@@ -6,7 +6,7 @@ rest is
     argmin  Σ ρ(nᵀ M d(x) − s)²/σ_s²  +  Σ_neighbours |d_i − d_k|²/σ_d²  +  Σ |d_i|²/σ_0²
 
 with M the skin's blended rotation and ρ a robust weight, so that a pony tail or a loose hem does not pull the skin along.
-Joints stay. Letters: v vertices, n nodes of the field, k constraints. Metres.
+Joints stay, and eyes with them. Letters: v vertices, n nodes of the field, k constraints. Metres.
 """
 
 from __future__ import annotations
