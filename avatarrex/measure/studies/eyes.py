@@ -32,7 +32,7 @@ from avatarrex.metrics.table import printed
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.joints import JOINT_NAMES
 from avatarrex.templates.person import Person
-from avatarrex.training.core.exposure import one_exposure
+from avatarrex.training.core.exposure import factors, one_exposure
 
 REACH = 0.022
 """Metres about an eye's centre: the ball, both lids to their creases, and the corners."""
@@ -96,7 +96,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> None:
-    """Measure and print. Raises `InputError` for a capture without a face rig or held-out frames."""
+    """Measure and print. Raises `InputError` for a capture without a face rig or held-out frames, and what `one_exposure` raises."""
     avatar = load_avatar(options.avatar)
     capture, own = as_trained(
         avatar, options.avatar, with_validation(open_capture(options.capture, template=avatar.person.name))
@@ -119,7 +119,7 @@ def run(options: argparse.Namespace) -> None:
             {
                 "avatar": options.avatar,
                 "capture": options.capture,
-                "exposed_as": options.exposed_as,
+                "exposed_as": {"rig": options.exposed_as, "gain": factors(rig)} if options.exposed_as else None,
                 "frames": sorted(rig.held_out_frames),
                 "eyes": found,
             },
