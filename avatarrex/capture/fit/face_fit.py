@@ -101,9 +101,9 @@ def fit_to_pictures(person: Person, posed: Sequence[Posed], blurs: Sequence[floa
     person = resize_person(base, replace(plain, face=field.offsets()))
     with tqdm(total=len(blurs) * len(posed), desc="fit face", unit="frame", leave=False) as bar:
         for blur in blurs:
-            seen = []
+            seen, near = [], _eyes_near(base, points, blur)
             for one in posed:
-                seen.append(list(sights(person, points, one, blur)))
+                seen.append([_without_rims(sight, near) for sight in sights(person, points, one, blur)])
                 bar.update()
             field.improve(person, [signals for signals, _ in posed], seen)
             person = resize_person(base, replace(plain, face=field.offsets()))
@@ -232,6 +232,25 @@ def _points(base: Person) -> Points:
     place = np.einsum("pk,pkc->pc", share, body.v_template.double().numpy()[faces[chosen]])
     centres = place[rng.choice(POINT_COUNT, PATCHES, replace=False)]
     return Points(chosen, share, cKDTree(centres).query(place)[1], LID)
+
+
+def _eyes_near(base: Person, points: Points, radius: float) -> csr_array:
+    """(p, p) 1 for two points of eyeballs within `radius`, metres, at rest."""
+    rest, faces = base.body.v_template.double().numpy(), base.body.faces.numpy()[points.face]
+    ball = np.flatnonzero(base.body.of_groups(EYES).numpy()[faces].all(1))
+    tree = cKDTree(np.einsum("pk,pkc->pc", points.share[ball], rest[faces[ball]]))
+    one, other = tree.query_pairs(radius, output_type="ndarray").T
+    pairs = ball[np.concatenate([one, other])], ball[np.concatenate([other, one])]
+    return csr_array((np.ones(len(pairs[0])), pairs), shape=(len(points.face),) * 2)
+
+
+def _without_rims(sight: Seen, near: csr_array) -> Seen:
+    """`sight` without points next to hidden ones by `near` (p, p): the blur mixes lids into an eyeball's rim."""
+    hidden = np.ones(near.shape[0])
+    hidden[sight[0]] = 0
+    clear = (near @ hidden)[sight[0]] == 0
+    row, cosine, colour, slope = sight
+    return row[clear], cosine[clear], colour[clear], slope[clear]
 
 
 def _directions(expressions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
