@@ -17,7 +17,7 @@ from avatarrex.capture.fit import face_fit
 from avatarrex.capture.fit.capture_fit import fit_geometry
 from avatarrex.capture.fit.check import template_surface
 from avatarrex.capture.fit.face_fit import fit_face, fit_to_pictures
-from avatarrex.capture.fit.paint import Posed, sights
+from avatarrex.capture.fit.paint import Points, Posed, sights
 from avatarrex.capture.fit.photo import Photo
 from avatarrex.capture.readers.rigs import open_capture
 from avatarrex.capture.zbuffer import visible_faces
@@ -26,7 +26,7 @@ from avatarrex.signals.driving import Signals
 from avatarrex.signals.joints import EXPRESSION_NAMES, JOINT_NAMES
 from avatarrex.signals.sequence import SignalSequence
 from avatarrex.templates.face_offsets import FaceOffsets, mesh_edges
-from avatarrex.templates.model import MOUTH, pose_by_signals
+from avatarrex.templates.model import EYES, MOUTH, pose_by_signals
 from avatarrex.templates.person import Person, load_person, resize_person
 from avatarrex.templates.person_fit import PersonFit, SurfaceOffsets
 
@@ -149,12 +149,53 @@ def test_an_eyeball_that_lies_elsewhere_is_found_but_for_its_lids(monkeypatch: p
     assert missed() < 0.5  # lids that are elsewhere than theirs hide a third of its points
 
 
+def of_balls(points: Points) -> np.ndarray:
+    """Which of them lie on eyeballs."""
+    body = load_person().body
+    return np.isin(body.faces.numpy()[points.face], np.concatenate([body.groups[name] for name in EYES])).all(1)
+
+
+def test_points_of_an_eyeball_next_to_lids_do_not_count() -> None:
+    """Within the radius at rest; skin is left as it is."""
+    base = load_person()
+    points = face_fit._points(base)
+    ball, rest = of_balls(points), base.body.v_template.double().numpy()[base.body.faces.numpy()[points.face]]
+    place = np.einsum("pk,pkc->pc", points.share, rest)
+    open_eye = ball & (place[:, 2] > np.quantile(place[ball, 2], 0.5))
+    row = np.flatnonzero(open_eye | (~ball & (np.arange(len(ball)) % 3 > 0)))
+    colour = place[row]
+    sight = row, np.ones(len(row)), colour, np.zeros((len(row), 3, 3))
+    kept, cosine, seen, slope = face_fit._without_rims(sight, face_fit._eyes_near(base, points, 0.003))
+    away = cKDTree(place[ball & ~open_eye]).query(place[row])[0]
+    np.testing.assert_array_equal(kept, row[~ball[row] | (away > 0.003)])
+    assert 0.3 * open_eye.sum() < ball[kept].sum() < 0.9 * open_eye.sum()
+    np.testing.assert_array_equal(seen, place[kept])
+    assert len(cosine) == len(slope) == len(kept)
+
+
+def test_blurred_pictures_say_less_of_eyeballs(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As much as an eye is open none of it is free of lids."""
+    counts, ball, improve = [], of_balls(face_fit._points(load_person())), face_fit._Field.improve
+
+    def counted(
+        field: face_fit._Field, somebody: Person, poses: list[Signals], seen: list[list[face_fit.Seen]]
+    ) -> None:
+        rows = [row for shown in seen for row, *_ in shown]
+        counts.append([sum(int((ball[row] == eye).sum()) for row in rows) for eye in (True, False)])
+        improve(field, somebody, poses, seen)
+
+    monkeypatch.setattr(face_fit._Field, "improve", counted)
+    fit_to_pictures(person(), pictures(person()), (0.006, 0.001))
+    (few, skin), (many, same) = counts
+    assert many > 300
+    assert few < 0.2 * many
+    assert skin == pytest.approx(same, rel=0.02)
+
+
 def test_closed_lids_hide_eyeballs() -> None:
     """They are thinner than what elsewhere counts as the same surface."""
-    points, body = face_fit._points(load_person()), load_person().body
-    ball = np.isin(body.faces.numpy()[points.face], np.concatenate([body.groups[name] for name in face_fit.EYES])).all(
-        1
-    )
+    points = face_fit._points(load_person())
+    ball = of_balls(points)
     shown = []
     for names in ({}, {"eyeBlinkLeft": 1.0, "eyeBlinkRight": 1.0}):
         one = signals(names)
