@@ -24,6 +24,7 @@ TOOLS = {
     "bent-joints": ("studies.bent_joints", "whether sharply bent joints have holes"),
     "ceiling": ("studies.ceiling", "how far a capture's own meshes, painted from the training's pictures, would come"),
     "eyes": ("studies.eyes", "the eyes of an avatar and of the fitted mesh against a capture's"),
+    "sensor-noise": ("studies.sensor_noise", "what a perfect render would reach against noisy pictures"),
     "drag": ("studies.drag", "voxels and tolerance of a dragged limb: error against time"),
     "local-frames": ("studies.local_frames", "error and cost of every local frame"),
     "loops": ("studies.loops", "compiled loops of the body's colour beside torch"),

@@ -16,7 +16,7 @@ import json
 import os
 import shutil
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -148,21 +148,28 @@ def _draw_rig(folder: Path, rig: RigPlan) -> None:
     if not to_do:
         bar.close()
         return
-    subject, picture = rig.subject, rig.picture
     with bar, background_writer(threads=2) as write:
-        rasteriser = Rasteriser(subject.faces, bake(subject, rig.spacing()), picture.samples)
-        occlusion = Occlusion(subject.faces, len(subject.vertices), picture.directions, rig.size.shadow_map)
-        for frame, missing in to_do.items():
-            posed, placed = rig.posed(frame), rig.world_from_root(frame)
-            openness = occlusion.openness(posed.vertices, posed.normals, *rig.occlusion_ball(posed.vertices))
-            rasteriser.pose(posed, openness, rig.light_from_root(frame))
-            for serial in missing:
+        for frame, rasteriser in posed_stage(rig, to_do):
+            placed = rig.world_from_root(frame)
+            for serial in to_do[frame]:
                 camera = rig.cameras[serial].seen_from(placed)
                 drawn = rasteriser.draw(camera, rig.imaging.distortion(serial))
                 write(_write_picture, folder / serial, frame, drawn, rig.imaging)
                 if frame in rig.depth_frames:
                     write(_write, folder / serial / "truth" / f"{frame:08d}.npz", _truth(rasteriser, camera, placed))
                 bar.update()
+
+
+def posed_stage(rig: RigPlan, frames: Iterable[int]) -> Iterator[tuple[int, Rasteriser]]:
+    """Each frame with its subject posed and lit, ready for cameras in the root frame; one rasteriser for all, so draw before the next."""
+    subject, picture = rig.subject, rig.picture
+    rasteriser = Rasteriser(subject.faces, bake(subject, rig.spacing()), picture.samples)
+    occlusion = Occlusion(subject.faces, len(subject.vertices), picture.directions, rig.size.shadow_map)
+    for frame in frames:
+        posed = rig.posed(frame)
+        openness = occlusion.openness(posed.vertices, posed.normals, *rig.occlusion_ball(posed.vertices))
+        rasteriser.pose(posed, openness, rig.light_from_root(frame))
+        yield frame, rasteriser
 
 
 def _missing(folder: Path, rig: RigPlan, frame: int) -> list[str]:
