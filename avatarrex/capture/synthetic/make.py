@@ -161,7 +161,8 @@ def _draw_rig(folder: Path, rig: RigPlan) -> None:
 
 
 def posed_stage(rig: RigPlan, frames: Iterable[int]) -> Iterator[tuple[int, Rasteriser]]:
-    """Each frame with its subject posed and lit, ready for cameras in the root frame; one rasteriser for all, so draw before the next."""
+    """Each frame with its subject posed and lit, ready for cameras in the root frame; one rasteriser for all, so draw before the next. Raises
+    `NoContext` without OpenGL 4.3."""
     subject, picture = rig.subject, rig.picture
     rasteriser = Rasteriser(subject.faces, bake(subject, rig.spacing()), picture.samples)
     occlusion = Occlusion(subject.faces, len(subject.vertices), picture.directions, rig.size.shadow_map)

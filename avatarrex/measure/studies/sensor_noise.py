@@ -1,66 +1,93 @@
-"""What would a perfect render reach against noisy pictures? The synthetic subject drawn without sensor noise against the same with it.
+"""What would a perfect render reach against noisy pictures? A synthetic capture's subject drawn without sensor noise, against its pictures.
 
-`other` under all conditions of `capture make` (exposure, lens, noise …), in its held-out frames, inside the matte. A sharpness below 1 is
+As `evaluate` compares: pictures as the reader gives them (JPEG, lens undone), held-out frames, inside the matte. A sharpness below 1 is
 noise that no render has: the gradient energy of a picture is its own and its noise's. Letters: h w pixels.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 import torch
-from jaxtyping import Float
 from torch import Tensor
 from tqdm import tqdm
 
+from avatarrex.capture.readers.calibration import read_calibration
+from avatarrex.capture.readers.rigs import Capture, Rig, open_capture
+from avatarrex.capture.readers.undistort import source_pixels, undistort
+from avatarrex.capture.synthetic.cameras import calibration
 from avatarrex.capture.synthetic.make import posed_stage
-from avatarrex.capture.synthetic.plan import SIZES, RigPlan, plan
-from avatarrex.capture.synthetic.variation import CONDITIONS, Variation
+from avatarrex.capture.synthetic.plan import Plan, RigPlan, plan
+from avatarrex.capture.synthetic.variation import Variation
+from avatarrex.errors import InputError, check
+from avatarrex.gl.context import NoContext
 from avatarrex.metrics.image import Similarity, gradient_energy, psnr
 from avatarrex.metrics.table import printed
 
 MEASURES = ("psnr", "ssim", "sharpness")
+OPAQUE = 127
+"""Matte byte above which a pixel is the subject's."""
 
 
-def pictures(rig: RigPlan, frames: list[int], serials: list[str]) -> Iterator[tuple[Tensor, Tensor]]:
-    """Each picture (1, 4, h, w) as it would be without sensor noise, and as it is; encoded in 8 bits."""
-    without = tuple(name for name in rig.variation.conditions if name != "noise")
-    quiet = replace(rig.imaging, variation=replace(rig.variation, conditions=without))
-    for frame, rasteriser in posed_stage(rig, tqdm(frames, desc=rig.name, unit="frame")):
-        for serial in serials:
-            camera = rig.cameras[serial].seen_from(rig.world_from_root(frame))
-            drawn = rasteriser.draw(camera, rig.imaging.distortion(serial)).colour
-            still, real = (_encoded(each.developed(drawn.copy(), serial, frame)) for each in (quiet, rig.imaging))
-            yield still, real
+def planned(capture: Capture) -> Plan:
+    """How `capture make` drew it. Raises `InputError` for a capture that it did not draw, or without sensor noise."""
+    manifest, varied = capture.manifest, capture.manifest.get("variation", {})
+    noisy = isinstance(varied, dict) and "noise" in varied.get("conditions", ())
+    check(noisy, capture.path, "capture.json", "a capture of `capture make --conditions noise`", "another one")
+    varied = {**varied, "conditions": tuple(varied["conditions"])}
+    return plan(manifest["size"], manifest["seed"], manifest["garment"], Variation(**varied))
 
 
-def measured(still: Tensor, real: Tensor) -> list[float]:
-    """`MEASURES` of (1, 4, h, w) against another, inside its matte."""
-    inside, one, other = real[:, 3] > 0.5, still[:, :3].contiguous(), real[:, :3].contiguous()
-    similarity = Similarity.of(one, other, levels=1).ssim(inside)
-    sharpness = gradient_energy(one, inside) / gradient_energy(other, inside)
-    return [value.item() for value in (psnr(one, other, inside), similarity, sharpness)]
+def pictures(taken: Rig, drawn: RigPlan, frames: int, cameras: int) -> Iterator[tuple[Tensor, Tensor, Tensor]]:
+    """Of every so many held-out frames and cameras: a picture (1, 3, h, w) without sensor noise, the one taken, its matte (1, h, w)."""
+    without = tuple(name for name in drawn.variation.conditions if name != "noise")
+    quiet = replace(drawn.imaging, variation=replace(drawn.variation, conditions=without))
+    lenses = read_calibration(json.dumps(calibration(drawn.cameras, drawn.imaging.distortion)), drawn.name)
+    chosen = sorted(taken.held_out_frames)[::frames]
+    for frame, rasteriser in posed_stage(drawn, tqdm(chosen, desc=drawn.name, unit="frame")):
+        for view, lens in list(enumerate(lenses))[::cameras]:
+            check(taken.views[view].name == lens.name, drawn.name, "cameras", lens.name, taken.views[view].name)
+            camera = drawn.cameras[lens.name].seen_from(drawn.world_from_root(frame))
+            colour = rasteriser.draw(camera, drawn.imaging.distortion(lens.name)).colour
+            levels = np.rint(255 * np.clip(quiet.developed(colour, lens.name, frame)[..., :3], 0, 1)).astype(np.uint8)
+            still = undistort(levels, source_pixels(lens)) if lens.distorts else levels
+            inside = torch.from_numpy(taken.matte(view, frame) > OPAQUE)[None]
+            yield _batch(still), _batch(taken.image(view, frame)), inside
 
 
-def _encoded(picture: Float[np.ndarray, "h w 4"]) -> Tensor:
-    levels = np.rint(255 * np.clip(picture, 0, 1)) / 255
-    return torch.from_numpy(levels).float().permute(2, 0, 1)[None].contiguous()
+def measured(still: Tensor, real: Tensor, inside: Tensor) -> list[float]:
+    """`MEASURES` of (1, 3, h, w) against another in the mask (1, h, w)."""
+    similarity = Similarity.of(still, real, levels=1).ssim(inside)
+    sharpness = gradient_energy(still, inside) / gradient_energy(real, inside)
+    return [value.item() for value in (psnr(still, real, inside), similarity, sharpness)]
+
+
+def _batch(levels: np.ndarray) -> Tensor:
+    return torch.from_numpy(levels / np.float32(255)).permute(2, 0, 1)[None].contiguous()
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Of which capture, and how many pictures."""
-    parser.add_argument("--size", choices=SIZES, default="small", help="of `capture make` (small)")
+    parser.add_argument("capture", help="a folder or .zip of `capture make` with sensor noise")
     parser.add_argument("--frames", type=int, default=4, metavar="N", help="every N-th held-out frame (4)")
     parser.add_argument("--cameras", type=int, default=3, metavar="N", help="every N-th camera (3)")
 
 
 def run(options: argparse.Namespace) -> None:
-    """Measure and print. Raises `InputError` for no OpenGL."""
+    """Measure and print. Raises `InputError`: see `planned`, no OpenGL, a step below 1."""
+    for name in ("frames", "cameras"):
+        check(getattr(options, name) > 0, f"--{name}", "", "1 or more", getattr(options, name))
+    capture = open_capture(options.capture)
+    made = planned(capture)
     row = printed("without sensor noise".ljust(26), "pictures", *MEASURES)
-    for rig in plan(options.size, 0, "printed", Variation("other", conditions=CONDITIONS)).rigs:
-        frames, serials = rig.held_out_frames[:: options.frames], list(rig.cameras)[:: options.cameras]
-        found = [measured(*pair) for pair in pictures(rig, frames, serials)]
+    for rig in made.rigs:
+        try:
+            taken = capture.rigs[rig.name]
+            found = [measured(*each) for each in pictures(taken, rig, options.frames, options.cameras)]
+        except NoContext as error:
+            raise InputError("measure sensor-noise", "", "OpenGL 4.3 (Mesa's llvmpipe will do)", error) from None
         row(rig.name, len(found), *(f"{value:.3f}" for value in np.mean(found, 0)))
