@@ -9,9 +9,9 @@ with c a point's colour in a picture, t its mean, M the head's blended rotation,
 which the frames differ most. What one camera sees along its rays others see across them. Each round draws the points where the last one
 has them, in sharper pictures. t follows from the offsets, and is eliminated; o is the face at the frames' mean expression, and moves
 along the normal alone, from where what the fit of the skin slid along itself is undone. Eyeballs have a node each, that moves every way,
-with their lids, and hardly with expressions; a blur mixes lids into their rims, which do not count. Jaw and eyes turn as the template's
-do; teeth and tongue lie behind the lips at rest as the template's do: no colours move them, for what is seen of them is seen between
-moving lips.
+with their lids, and hardly with expressions; where the blur mixes lids into the visible part of one, its points do not count. Jaw and
+eyes turn as the template's do; teeth and tongue lie behind the lips at rest as the template's do: no colours move them, for what is seen
+of them is seen between moving lips.
 Letters: p points, v vertices, n nodes, k directions and one more for rest, e coefficients. Metres; sRGB in [0, 1].
 """
 
@@ -102,9 +102,9 @@ def fit_to_pictures(person: Person, posed: Sequence[Posed], blurs: Sequence[floa
     person = resize_person(base, replace(plain, face=field.offsets()))
     with tqdm(total=len(blurs) * len(posed), desc="fit face", unit="frame", leave=False) as bar:
         for blur in blurs:
-            seen, near = [], _eyes_near(base, points, blur)
+            seen, near = [], _near_on_eyes(base, points, blur)
             for one in posed:
-                seen.append([_without_rims(sight, near) for sight in sights(person, points, one, blur)])
+                seen.append([_clear_of_lids(sight, near) for sight in sights(person, points, one, blur)])
                 bar.update()
             field.improve(person, [signals for signals, _ in posed], seen)
             person = resize_person(base, replace(plain, face=field.offsets()))
@@ -235,8 +235,8 @@ def _points(base: Person) -> Points:
     return Points(chosen, share, cKDTree(centres).query(place)[1], LID)
 
 
-def _eyes_near(base: Person, points: Points, radius: float) -> csr_array:
-    """(p, p) 1 for two points of eyeballs within `radius`, metres, at rest."""
+def _near_on_eyes(base: Person, points: Points, radius: float) -> csr_array:
+    """(p, p) 1 for two different points of eyeballs that lie within `radius` at rest, metres of the template; rows of skin are empty."""
     rest, faces = base.body.v_template.double().numpy(), base.body.faces.numpy()[points.face]
     ball = np.flatnonzero(base.body.of_groups(EYES).numpy()[faces].all(1))
     tree = cKDTree(np.einsum("pk,pkc->pc", points.share[ball], rest[faces[ball]]))
@@ -245,8 +245,9 @@ def _eyes_near(base: Person, points: Points, radius: float) -> csr_array:
     return csr_array((np.ones(len(pairs[0])), pairs), shape=(len(points.face),) * 2)
 
 
-def _without_rims(sight: Seen, near: csr_array) -> Seen:
-    """`sight` without points next to hidden ones by `near` (p, p): the blur mixes lids into an eyeball's rim."""
+def _clear_of_lids(sight: Seen, near: csr_array) -> Seen:
+    """`sight` without points that `near` (p, p) has next to hidden ones, those that are not in `sight`: there the blur mixes lids into an
+    eyeball. Where a pixel is wider than the blur (1.9 mm in the last round) it reaches farther than that."""
     hidden = np.ones(near.shape[0])
     hidden[sight[0]] = 0
     clear = (near @ hidden)[sight[0]] == 0
