@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,8 @@ from avatarrex.capture.synthetic.variation import Variation
 from avatarrex.errors import InputError
 from avatarrex.gl.context import NoContext, gl_unavailable
 from avatarrex.measure.studies import sensor_noise
-from avatarrex.measure.studies.sensor_noise import add_options, measured, pictures, planned, run
+from avatarrex.measure.studies.eyes import measured
+from avatarrex.measure.studies.sensor_noise import add_options, pictures, planned, run
 
 needs_gl = pytest.mark.skipif(gl_unavailable() is not None, reason=str(gl_unavailable()))
 TINY = Size(72, 96, 2, 4, RigSize(2, 3, (1,), 128), RigSize(2, 2, (1,), 128))
@@ -103,6 +105,19 @@ def test_bad_input_is_one_line(capture: Capture, tmp_path: Path, monkeypatch: py
         run(options(capture.path, "--cameras", "-1"))
     with pytest.raises(InputError, match="capture make --conditions noise"):
         run(options(make_capture(tmp_path / "exact", "little", 3)))
+    for wrong in (
+        {},
+        {"variation": []},
+        {**capture.manifest, "variation": {"conditions": None}},
+        {**capture.manifest, "variation": {"conditions": ["lens"]}},
+    ):
+        with pytest.raises(InputError, match="capture make --conditions noise"):
+            planned(replace(capture, manifest=wrong))
+    with pytest.raises(InputError, match="rigs"):
+        planned(replace(capture, rigs={"face": capture.rigs["face"]}))
+    drawn = planned(capture).rigs[0]
+    with pytest.raises(InputError, match="held-out frames"):
+        next(pictures(capture.rigs["body"].holding_out(), drawn, 1, 1))
 
     def without(*_: object) -> None:
         raise NoContext("off")

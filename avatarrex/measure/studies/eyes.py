@@ -69,14 +69,15 @@ def measure(
             continue
         truth = _batch(captured(rig, view, frame, camera).image)
         for drawer in drawers:
-            found[drawer.name].append(_measured(_batch(drawer.draw(signals, camera).image[..., :3]), truth, inside))
+            found[drawer.name].append(measured(_batch(drawer.draw(signals, camera).image[..., :3]), truth, inside))
     check(any(found.values()), rig.name, "", "pictures in which eyes are seen", "none")
     return {
         name: {**dict(zip(MEASURES, np.mean(rows, 0).tolist())), "pictures": len(rows)} for name, rows in found.items()
     }
 
 
-def _measured(render: Tensor, truth: Tensor, inside: Tensor) -> list[float]:
+def measured(render: Tensor, truth: Tensor, inside: Tensor) -> list[float]:
+    """`MEASURES` of (1, 3, h, w) in the mask (1, h, w)."""
     similarity = Similarity.of(render, truth, levels=1).ssim(inside)
     sharpness = gradient_energy(render, inside) / gradient_energy(truth, inside)
     return [value.item() for value in (psnr(render, truth, inside), similarity, sharpness)]

@@ -25,21 +25,30 @@ from avatarrex.capture.synthetic.plan import Plan, RigPlan, plan
 from avatarrex.capture.synthetic.variation import Variation
 from avatarrex.errors import InputError, check
 from avatarrex.gl.context import NoContext
-from avatarrex.metrics.image import Similarity, gradient_energy, psnr
+from avatarrex.measure.studies.eyes import MEASURES, measured
 from avatarrex.metrics.table import printed
 
-MEASURES = ("psnr", "ssim", "sharpness")
 OPAQUE = 127
 """Matte byte above which a pixel is the subject's."""
 
 
 def planned(capture: Capture) -> Plan:
     """How `capture make` drew it. Raises `InputError` for a capture that it did not draw, or without sensor noise."""
-    manifest, varied = capture.manifest, capture.manifest.get("variation", {})
-    noisy = isinstance(varied, dict) and "noise" in varied.get("conditions", ())
-    check(noisy, capture.path, "capture.json", "a capture of `capture make --conditions noise`", "another one")
-    varied = {**varied, "conditions": tuple(varied["conditions"])}
-    return plan(manifest["size"], manifest["seed"], manifest["garment"], Variation(**varied))
+    expected = "a capture of `capture make --conditions noise`"
+    try:
+        size, seed, garment, varied = (capture.manifest[key] for key in ("size", "seed", "garment", "variation"))
+        made = plan(size, seed, garment, Variation(**{**varied, "conditions": tuple(varied["conditions"])}))
+    except (KeyError, TypeError):
+        raise InputError(capture.path, "capture.json", expected, "another one") from None
+    check(made.variation.has("noise"), capture.path, "capture.json", expected, "one without noise")
+    check(
+        capture.rigs.keys() == {rig.name for rig in made.rigs},
+        capture.path,
+        "rigs",
+        "body, face",
+        ", ".join(capture.rigs),
+    )
+    return made
 
 
 def pictures(taken: Rig, drawn: RigPlan, frames: int, cameras: int) -> Iterator[tuple[Tensor, Tensor, Tensor]]:
@@ -47,23 +56,18 @@ def pictures(taken: Rig, drawn: RigPlan, frames: int, cameras: int) -> Iterator[
     without = tuple(name for name in drawn.variation.conditions if name != "noise")
     quiet = replace(drawn.imaging, variation=replace(drawn.variation, conditions=without))
     lenses = read_calibration(json.dumps(calibration(drawn.cameras, drawn.imaging.distortion)), drawn.name)
+    bent = {lens.name: source_pixels(lens) for lens in lenses if lens.distorts}
     chosen = sorted(taken.held_out_frames)[::frames]
+    check(chosen, drawn.name, "held-out frames", "one or more", "none")
     for frame, rasteriser in posed_stage(drawn, tqdm(chosen, desc=drawn.name, unit="frame")):
         for view, lens in list(enumerate(lenses))[::cameras]:
             check(taken.views[view].name == lens.name, drawn.name, "cameras", lens.name, taken.views[view].name)
             camera = drawn.cameras[lens.name].seen_from(drawn.world_from_root(frame))
             colour = rasteriser.draw(camera, drawn.imaging.distortion(lens.name)).colour
             levels = np.rint(255 * np.clip(quiet.developed(colour, lens.name, frame)[..., :3], 0, 1)).astype(np.uint8)
-            still = undistort(levels, source_pixels(lens)) if lens.distorts else levels
+            still = undistort(levels, bent[lens.name]) if lens.distorts else levels
             inside = torch.from_numpy(taken.matte(view, frame) > OPAQUE)[None]
             yield _batch(still), _batch(taken.image(view, frame)), inside
-
-
-def measured(still: Tensor, real: Tensor, inside: Tensor) -> list[float]:
-    """`MEASURES` of (1, 3, h, w) against another in the mask (1, h, w)."""
-    similarity = Similarity.of(still, real, levels=1).ssim(inside)
-    sharpness = gradient_energy(still, inside) / gradient_energy(real, inside)
-    return [value.item() for value in (psnr(still, real, inside), similarity, sharpness)]
 
 
 def _batch(levels: np.ndarray) -> Tensor:
