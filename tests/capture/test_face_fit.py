@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 from capture.tiny_capture import TinyCapture
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
@@ -17,7 +18,7 @@ from avatarrex.capture.fit import face_fit
 from avatarrex.capture.fit.capture_fit import fit_geometry
 from avatarrex.capture.fit.check import template_surface
 from avatarrex.capture.fit.face_fit import fit_face, fit_to_pictures
-from avatarrex.capture.fit.paint import Points, Posed, sights
+from avatarrex.capture.fit.paint import Points, Posed, Seen, sights
 from avatarrex.capture.fit.photo import Photo
 from avatarrex.capture.readers.rigs import open_capture
 from avatarrex.capture.zbuffer import visible_faces
@@ -26,6 +27,7 @@ from avatarrex.signals.driving import Signals
 from avatarrex.signals.joints import EXPRESSION_NAMES, JOINT_NAMES
 from avatarrex.signals.sequence import SignalSequence
 from avatarrex.templates.face_offsets import FaceOffsets, mesh_edges
+from avatarrex.templates.mesh import vertex_normals
 from avatarrex.templates.model import EYES, MOUTH, pose_by_signals
 from avatarrex.templates.person import Person, load_person, resize_person
 from avatarrex.templates.person_fit import PersonFit, SurfaceOffsets
@@ -36,6 +38,8 @@ JAW = EXPRESSION_NAMES.index("jawOpen")
 HEAD = load_person().body.joint_template.double().numpy()[JOINT_NAMES.index("head")]
 TURN = 1.2
 """Radians: far enough that slopes in the world's axes are not those of rest."""
+LAMP = np.array([0.5, 0.2, 0.1])
+"""By how much a normal along the world's axes is brighter."""
 Y_TURN = Rotation.from_rotvec([0, TURN, 0]).as_matrix()
 CAMERAS = [
     Camera.orbit(np.degrees(TURN) + angle, 5, 0.7, 30, tuple(Y_TURN @ (HEAD + np.array([0, 0.05, 0.05]))), 200, 240)
@@ -178,9 +182,7 @@ def test_blurred_pictures_say_less_of_eyeballs(monkeypatch: pytest.MonkeyPatch) 
     """Blurred by as much as an eye is open, one says nothing of an eyeball; a sharper one of what lies as far from lids as its blur."""
     counts, ball, improve = [], of_balls(face_fit._points(load_person())), face_fit._Field.improve
 
-    def counted(
-        field: face_fit._Field, somebody: Person, poses: list[Signals], seen: list[list[face_fit.Seen]]
-    ) -> None:
+    def counted(field: face_fit._Field, somebody: Person, poses: list[Signals], seen: list[list[Seen]]) -> None:
         rows = [row for shown in seen for row, *_ in shown]
         counts.append([sum(int((ball[row] == eye).sum()) for row in rows) for eye in (True, False)])
         improve(field, somebody, poses, seen)
@@ -331,6 +333,31 @@ def test_cameras_of_other_exposure_move_nothing(monkeypatch: pytest.MonkeyPatch)
     found = fit_to_pictures(person(), pictures(person(), (0.93, 1.0, 1.07)), (0.003,))
     moved = (found.body.v_template - person().body.v_template)[outer()].norm(dim=1).mean()
     assert moved < 0.0007
+
+
+def lit(somebody: Person, one: Signals, camera: Camera) -> Photo:
+    """With a lamp at the world's left."""
+    even, faces = photo(somebody, one, camera), somebody.body.faces
+    vertices = template_surface(somebody, one)[0]
+    face, share, _ = visible_faces(vertices, faces.numpy(), camera)
+    normal = vertex_normals(torch.from_numpy(vertices), faces).numpy()[faces.numpy()[face]]
+    gain = 1 + LAMP * np.einsum("hwk,hwkc->hwc", share, normal)[..., :1]
+    return replace(even, image=partial(np.asarray, np.rint(gain * even.image()).astype(np.uint8)))
+
+
+def test_a_lamp_before_which_a_head_turns_moves_little(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Half of what it moves where it is taken for colours of the skin."""
+    monkeypatch.setattr(face_fit, "SPACING", 0.02)
+    turned = [signals({}).replace(global_orient=np.array([0, TURN + more, 0])) for more in (-0.5, 0, 0.5)]
+    posed = [(one, tuple(lit(person(), one, camera) for camera in CAMERAS)) for one in turned]
+
+    def moved() -> float:
+        found = fit_to_pictures(person(), posed, (0.004, 0.003, 0.002))
+        return float((found.body.v_template - person().body.v_template)[outer()].norm(dim=1).mean())
+
+    with_light_out = moved()
+    monkeypatch.setattr(face_fit, "without_light", lambda somebody, points, poses, seen, frame: seen)
+    assert with_light_out < 0.6 * moved()
 
 
 def test_a_way_on_which_all_pictures_agree_says_nothing() -> None:

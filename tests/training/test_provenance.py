@@ -14,10 +14,11 @@ from tiny_recipe import TINY
 
 from avatarrex.avatar import Avatar
 from avatarrex.avatar_file import load_avatar
+from avatarrex.capture.readers.drawn import MAKER, light_frame
 from avatarrex.capture.readers.rigs import Capture, open_capture
 from avatarrex.templates.person import load_person
 from avatarrex.templates.person_fit import PersonFit, SurfaceOffsets
-from avatarrex.training.core.provenance import MAKER, light, light_frame, of_the_template, prior, tracking
+from avatarrex.training.core.provenance import light, of_the_template, prior, tracking
 from avatarrex.training.recipe import RECIPES, from_scratch
 
 DRAWN = {"provenance": {"maker": MAKER}}

@@ -29,8 +29,10 @@ from scipy.spatial.distance import cdist
 from tqdm import tqdm
 
 from avatarrex.capture.fit.check import compared_frames, posed_in_world
-from avatarrex.capture.fit.paint import Points, Posed, mean_colours, sights, trust, without_common
+from avatarrex.capture.fit.face_light import without_light
+from avatarrex.capture.fit.paint import Points, Posed, Seen, mean_colours, sights, trust, without_common
 from avatarrex.capture.fit.refine import shot
+from avatarrex.capture.readers.drawn import light_frame
 from avatarrex.capture.readers.rigs import Capture, Rig
 from avatarrex.capture.readers.splits import Splits
 from avatarrex.ops.skinning import blend
@@ -47,7 +49,7 @@ DIRECTIONS, LEAST = 8, 0.02
 POINT_COUNT = 20_000
 """A point each 2 mm, and more where nodes are fine."""
 PATCHES = 12
-"""Of points: what all of one have in common in a picture is light and exposure."""
+"""Of points: what all of one have in common in a picture is shadow and exposure."""
 LID = 0.0015
 """Metres that a point may lie beyond the first surface and be seen: less than a lid's thickness."""
 SPACING, FINE, WIDEN = 0.015, 0.01, 0.5
@@ -58,7 +60,7 @@ BLURS = (0.006, 0.005, 0.004, 0.003, 0.002, 0.0013)
 """Metres, by round: Gaussians of the pictures. The first rounds see what lies far off."""
 REST_SIGMA, MOVE_SIGMA = 0.01, 0.005
 """σ_o along the normal, and σ_d of a whole unit of ψ: metres."""
-EYE_SIGMA, EYE_MOVE = 0.003, 0.0003
+EYE_SIGMA, EYE_MOVE = 0.0015, 0.00015
 """σ of o of an eyeball, each way, and of its d: expressions move lids."""
 SIDE_SIGMA = 0.0005
 """σ of o across the normal: a skin that slides on itself at rest shows the same colours."""
@@ -67,15 +69,13 @@ NEIGHBOURS, TIE = 4, 4.0
 THICK, BEHIND, FLESH = 0.013, 0.5, 4.0
 """Metres of flesh between two nodes that are tied through it, cosine from which one is behind the other, and how many differences
 such a tie counts as."""
-LIDS = 20.0
+LIDS = 80.0
 """How many differences the tie of an eyeball to a node of its lids counts as, at the mean expression: lids slide on it, and hide it when
 they are closed."""
-STRENGTH = 100.0
-"""1/σ_c², σ_c = 0.1 sRGB."""
+STRENGTH = 400.0
+"""1/σ_c², σ_c = 0.05 sRGB."""
 SMOOTH = 0.02
 """Metres over which normals are averaged: a lip faces every way."""
-Seen = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
-"""Of a picture: rows of the points that it shows, cosines, colours, slopes."""
 LIP = 0.012
 """Metres from a row of teeth to the skin that it lies behind, whatever the face: closed lips would show it otherwise."""
 
@@ -89,11 +89,14 @@ def fit_face(capture: Capture) -> Person:
         return person
     frames = _different(rig, Splits.of(rig).train.frames)
     posed = [(rig.signals[frame], shot(rig, frame).photos) for frame in frames]
-    return fit_to_pictures(person, posed) if posed else person
+    return fit_to_pictures(person, posed, light=light_frame(capture)) if posed else person
 
 
-def fit_to_pictures(person: Person, posed: Sequence[Posed], blurs: Sequence[float] = BLURS) -> Person:
-    """`person` with the face that pictures of some expressions show. What reading a picture raises is raised."""
+def fit_to_pictures(
+    person: Person, posed: Sequence[Posed], blurs: Sequence[float] = BLURS, light: str = "world"
+) -> Person:
+    """`person` with the face that pictures of some expressions show; `light`: the frame in which theirs is fixed. What reading a picture
+    raises is raised."""
     assert person.fit is not None
     base, plain = load_person(person.name), replace(person.fit, face=None)
     points = _points(base)
@@ -106,7 +109,8 @@ def fit_to_pictures(person: Person, posed: Sequence[Posed], blurs: Sequence[floa
             for one in posed:
                 seen.append([_clear_of_lids(sight, near) for sight in sights(person, points, one, blur)])
                 bar.update()
-            field.improve(person, [signals for signals, _ in posed], seen)
+            signals = [one for one, _ in posed]
+            field.improve(person, signals, without_light(person, points, signals, seen, light))
             person = resize_person(base, replace(plain, face=field.offsets()))
     return person
 

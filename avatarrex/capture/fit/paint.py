@@ -48,6 +48,8 @@ FLAT = 1.0
 
 Posed = tuple[Signals, tuple[Photo, ...]]
 """Somebody's pose, and pictures of it."""
+Seen = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+"""Of a picture: rows of the points (p,) that it shows, cosines, colours (p, 3), slopes (p, 3, 3)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,10 +163,8 @@ def without_common(patch: np.ndarray, weight: np.ndarray, off: np.ndarray) -> np
     return np.asarray(off - mean[patch])
 
 
-def sights(
-    person: Person, points: Points, posed: Posed, blur: float
-) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
-    """By picture: rows of the points that it shows, cosines, colours (p, 3), slopes (p, 3, 3)."""
+def sights(person: Person, points: Points, posed: Posed, blur: float) -> Iterator[Seen]:
+    """By picture."""
     signals, photos = posed
     vertices, faces = template_surface(person, signals)[0], person.body.faces.numpy()
     place = np.einsum("pk,pkc->pc", points.share, vertices[faces[points.face]])

@@ -26,6 +26,7 @@ from PIL import Image
 from tqdm import tqdm
 
 from avatarrex.camera import Camera
+from avatarrex.capture.readers.drawn import MAKER
 from avatarrex.capture.readers.manifest import FORMAT
 from avatarrex.capture.synthetic.albedo_lattice import bake
 from avatarrex.capture.synthetic.cameras import calibration
@@ -123,7 +124,7 @@ def _manifest(made: Plan, complete: bool) -> dict[str, Any]:
         "held_out_cameras": {rig.name: rig.held_out_cameras for rig in made.rigs},
         "depth_frames": {rig.name: rig.depth_frames for rig in made.rigs},
         "provenance": {
-            "maker": "avatarrex-studio capture make", "subject": "the synthetic clothed subject; no person was recorded",
+            "maker": MAKER, "subject": "the synthetic clothed subject; no person was recorded",
             "person": subject.person.name, "person_hash": subject.person.hash, "renderer": renderer_name(gl_context()),
             "licence": "CC0 1.0",
         },

@@ -43,6 +43,7 @@ from avatarrex.capture.zbuffer import visible_faces
 from avatarrex.errors import check
 from avatarrex.fields.detail_texture import DetailTexture, TexelPlaces
 from avatarrex.fields.light import Light
+from avatarrex.fields.light_fit import LitPixels, fit_light
 from avatarrex.files.images import write_png
 from avatarrex.files.json_text import write_json
 from avatarrex.metrics.baselines import PIXEL_SAMPLES, fitted_meshes
@@ -57,7 +58,6 @@ from avatarrex.settings import RenderSettings
 from avatarrex.signals.driving import Signals
 from avatarrex.templates.person import Person
 from avatarrex.training.core.exposure import exposed_as
-from avatarrex.training.core.light_fit import LitPixels, fit_light
 from avatarrex.training.core.pixels import training_pairs
 from avatarrex.training.core.projection import FACING, OPAQUE, PICTURES, Projected, paint
 from avatarrex.volume.body_grid import BOX_MARGIN, lattice_around

@@ -3,7 +3,7 @@
 Every chosen picture is projected onto the surface that the geometry has by now (the renderer's own volume and raycast: what is
 hidden is not painted). A pixel counts where the body alone is drawn and the matte is opaque, by the square of the cosine at which
 it is seen: towards the outline it covers more, and errors of pose and cameras shift it most. The light E(n) is found from
-the part's own rig (`light_fit.py`). A colour, with the light divided out, goes to the three texels around; a texel has the
+the part's own rig (`fields/light_fit.py`). A colour, with the light divided out, goes to the three texels around; a texel has the
 weighted mean, then twice that of what is near its last mean (Geman–McClure), so that what moved over it, a shadow or another
 limb, does not count. A texel never seen has the colour of the nearest seen one at rest.
 
@@ -26,6 +26,7 @@ from avatarrex.errors import InputError
 from avatarrex.fields.detail_texture import DetailTexture, TexelPlaces
 from avatarrex.fields.face import FaceField
 from avatarrex.fields.light import Irradiance
+from avatarrex.fields.light_fit import LitPixels, fit_light
 from avatarrex.fields.texel_neighbours import texel_neighbours
 from avatarrex.parts.face import Face, face_state
 from avatarrex.pointmap.point_map import PointMap
@@ -34,7 +35,6 @@ from avatarrex.shading.colour import surface_points
 from avatarrex.templates.model import EYES, MOUTH
 from avatarrex.training.core.agreement import agreed
 from avatarrex.training.core.frames import FrameStore, TrainingFrame
-from avatarrex.training.core.light_fit import LitPixels, fit_light
 from avatarrex.training.core.registration import register
 from avatarrex.training.core.sighting import Sighting
 from avatarrex.training.core.silhouette import Silhouette

@@ -10,14 +10,13 @@ from collections.abc import Sequence
 from typing import Any
 
 from avatarrex.avatar import Avatar
+from avatarrex.capture.readers.drawn import drawn, light_frame, variation
 from avatarrex.capture.readers.rigs import Capture
 from avatarrex.parts.known_expressions import KnownExpressions
 from avatarrex.signals.driving import Signals
 from avatarrex.training.core.warm_start import PRIOR, prior_of, read_prior
 from avatarrex.training.recipe import Recipe
 
-MAKER = "avatarrex-studio capture make"
-"""Of the captures that the studio draws."""
 WORLD, PERSON = "fixed in the world", "turns with the person"
 PARTS = {"body": ("body",), "face": ("face", "face_colour")}
 """Parts of the prior by trained part."""
@@ -37,9 +36,9 @@ def tracking(capture: Capture) -> str:
     refined = (
         "; poses and shape then refined by its own pictures (capture refine)" if "refined" in capture.manifest else ""
     )
-    if not _drawn(capture):
+    if not drawn(capture):
         return "as the capture's files state" + refined
-    noise = _variation(capture).get("tracking_noise", 0.0)
+    noise = variation(capture).get("tracking_noise", 0.0)
     given = f"{noise:g} × (2 degrees a joint, 1 cm of the root, 0.1 of the coefficients) off" if noise else "exact"
     return f"{given}: the parameters that drew the pictures" + (", with noise" if noise else "") + refined
 
@@ -47,13 +46,7 @@ def tracking(capture: Capture) -> str:
 def light(capture: Capture) -> str:
     """What light the pictures were taken in, as far as the capture says."""
     frame = {"world": WORLD, "root": PERSON}[light_frame(capture)]
-    return f"{'drawn' if _drawn(capture) else 'the capture'}: {frame}; one light for all poses is learnt"
-
-
-def light_frame(capture: Capture) -> str:
-    """The frame in which the light is fixed (`fields/light.py`): lamps stand still; a drawn light may turn with the person."""
-    drawn = _drawn(capture) and "light" not in _variation(capture).get("conditions", ())
-    return "root" if drawn else "world"
+    return f"{'drawn' if drawn(capture) else 'the capture'}: {frame}; one light for all poses is learnt"
 
 
 def of_the_template(capture: Capture) -> dict[str, str]:
@@ -61,8 +54,8 @@ def of_the_template(capture: Capture) -> dict[str, str]:
     fit = capture.person.fit
     same = (
         capture.person.name == "default"
-        and _drawn(capture)
-        and _variation(capture).get("subject", "default") == "default"
+        and drawn(capture)
+        and variation(capture).get("subject", "default") == "default"
     )
     own = "the template, which is the drawn person's own" if same else "the template"
     skin = "" if fit is None or fit.surface is None else ", its skin fitted to the mattes"
@@ -80,12 +73,3 @@ def expressions(frames: Sequence[Signals] | None, start: Avatar | None) -> dict[
     if not frames and start is not None:
         known = start.known_expressions
     return None if known is None else known.to_json()
-
-
-def _drawn(capture: Capture) -> bool:
-    return bool((capture.manifest.get("provenance") or {}).get("maker") == MAKER)
-
-
-def _variation(capture: Capture) -> dict[str, Any]:
-    found: dict[str, Any] = capture.manifest.get("variation") or {}
-    return found

@@ -19,6 +19,7 @@ import torch
 from tqdm import tqdm
 
 from avatarrex.avatar import Avatar
+from avatarrex.capture.readers.drawn import light_frame
 from avatarrex.capture.readers.rigs import Capture, Rig
 from avatarrex.capture.readers.splits import sealed, splits_of
 from avatarrex.errors import InputError
@@ -75,7 +76,7 @@ class Trainer:
                 raise InputError(capture.path, "parts", "rigs of the capture: " + ", ".join(capture.rigs), part)
         self.stages = stages(recipe, self.parts)
         self.start = start
-        self.avatar = self._untrained(provenance.light_frame(capture))
+        self.avatar = self._untrained(light_frame(capture))
         if start is not None:
             self.avatar = self._untrained(start.light.frame, start.body.local_frame)
         known = "face" in self.parts or (start is not None and "face" not in start.hidden)

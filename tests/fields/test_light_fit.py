@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from torch import Tensor
 
 from avatarrex.fields.light import Irradiance
-from avatarrex.training.core.light_fit import LitPixels, fit_light
+from avatarrex.fields.light_fit import LitPixels, fit_light
 
 TEXELS, PICTURES = 400, 20
 
