@@ -66,7 +66,7 @@ SIDE_SIGMA = 0.0005
 """σ of o across the normal: a skin that slides on itself at rest shows the same colours."""
 NEIGHBOURS, TIE = 4, 4.0
 """How many differences a node has, and how much one counts."""
-THICK, BEHIND, FLESH = 0.013, 0.5, 4.0
+THICK, BEHIND, FLESH = 0.013, 0.5, 16.0
 """Metres of flesh between two nodes that are tied through it, cosine from which one is behind the other, and how many differences
 such a tie counts as."""
 LIDS = 80.0
