@@ -53,6 +53,8 @@ FILES = {"avatar.json": SMALL, "weights.safetensors": 2**30}
 """Bytes that either file may unpack to; the paper's preset has 90 MB of weights."""
 SLIDE = "body.slide.share"
 """What an avatar whose cloth slides has."""
+TEXEL_HEIGHT = "body.detail_height"
+"""What an avatar has whose texels lie where its clothes are; those of before lie on the skin."""
 RELIEF = "body.relief"
 """What an avatar whose surface was registered to pictures has."""
 FACE_LIGHT = "light.face"
@@ -278,6 +280,7 @@ def _expect(path: Path, avatar: Avatar, state: dict[str, Tensor]) -> None:
     shapes = {
         SLIDE: (len(avatar.body.node_vertex), JOINTS),
         RELIEF: (len(avatar.body.anchor_vertex),),
+        TEXEL_HEIGHT: (len(avatar.person.body.v_template),),
         FACE_LIGHT: (8, 3),
     }
     for name, shape in shapes.items():

@@ -98,6 +98,7 @@ def test_texels_slide_relief_and_outgrowth_are_kept(tmp_path: Path) -> None:
         assert torch.equal(found["body.detail.edge"], wanted["body.detail.edge"])
         assert torch.equal(found["body.slide.share"], wanted["body.slide.share"].half().float())
         assert torch.equal(found["body.relief"], wanted["body.relief"].half().float())
+        assert torch.equal(found["body.detail_height"], wanted["body.detail_height"].half().float())
         assert again.body.slide is not None
         assert torch.equal(again.body.slide.reach, avatar.body.slide.reach)
         assert torch.equal(found["body.outgrowth.distance"], wanted["body.outgrowth.distance"].half().float())
@@ -114,6 +115,7 @@ def test_texels_slide_relief_and_outgrowth_are_kept(tmp_path: Path) -> None:
         ("body.detail.texel", torch.zeros(5, 3, dtype=torch.uint8), r"body.detail.texel: expected \("),
         ("body.slide.share", torch.zeros(5, 22), "slide.share: expected numbers"),
         ("body.relief", torch.zeros(5), "body.relief: expected numbers"),
+        ("body.detail_height", torch.zeros(5), "body.detail_height: expected numbers"),
         ("body.outgrowth.distance", torch.zeros(4), "3 dimensions"),
         ("body.outgrowth.distance", torch.ones(4, 4, 4), "somewhere inside"),
         ("body.outgrowth.joint", torch.tensor(55), "the number of a joint, 0 to 54, found 55"),

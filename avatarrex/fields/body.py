@@ -36,12 +36,12 @@ from avatarrex.fields.local_frame import (
     take,
 )
 from avatarrex.fields.local_networks import LocalNetworks, mlp
-from avatarrex.fields.membrane import membrane
 from avatarrex.fields.nodes import anchors, covering_radius, node_normals, part_labels, plane_axes
 from avatarrex.fields.outgrowth import Outgrowth
 from avatarrex.fields.patches import NoPatches, PatchNetwork, patch_features
 from avatarrex.fields.presets import COORDINATE_OCTAVES, DIRECTION_OCTAVES, Preset
 from avatarrex.fields.slide import Slide
+from avatarrex.fields.texel_mesh import texel_height, texel_mesh
 from avatarrex.ops import native
 from avatarrex.ops.encoding import Encoding, channels
 from avatarrex.ops.farthest_points import farthest_points
@@ -112,6 +112,8 @@ class BodyField(nn.Module):
     sample_anchor: Tensor
     relief: Tensor | None
     """Metres that the surface stands off where the networks have it along the normal at rest, of each anchor, in every pose."""
+    detail_height: Tensor | None
+    """(v,) metres that the static detail lies above the template (texel_mesh.py); None of texels that lie on the skin."""
     clothing_offset: Tensor
     """(v,) metres that the surface stands off each template vertex at rest (`measure_clothing_offset`); zero until measured."""
 
@@ -130,6 +132,7 @@ class BodyField(nn.Module):
         self.widths, self.local_frame, self.template = widths, local_frame, model
         self.slide: Slide | None = None
         self.register_buffer("relief", None)
+        self.register_buffer("detail_height", None)
         self.register_buffer("node_vertex", farthest_points(model.v_template, widths.nodes, seed))
         self.register_buffer("anchor_vertex", anchors(model, widths.anchors, seed))
         self.register_buffer("clothing_offset", torch.zeros(len(model.v_template)))
@@ -224,10 +227,14 @@ class BodyField(nn.Module):
         return list(chain.from_iterable(module.parameters() for module in modules if module is not None))
 
     def add_detail(self, spacing: float) -> None:
-        """Lay grey texels on the skin, `spacing` metres apart, but where another part takes its place."""
+        """Lay grey texels where the clothes are, `spacing` metres apart, but where another part takes the skin's place."""
         template = self.template
         shown = ~self.replaced.cpu()[template.faces].all(1)
-        self.detail = DetailTexture.of(membrane(template.v_template, template.faces), template.faces, spacing, shown)
+        self.detail_height = texel_height(template, self.clothing_offset.cpu()).to(self.clothing_offset)
+        self.detail = DetailTexture.of(self._texel_mesh(), template.faces, spacing, shown)
+
+    def _texel_mesh(self) -> Float[Tensor, "v 3"]:
+        return texel_mesh(self.template, None if self.detail_height is None else self.detail_height.cpu())
 
     def add_slide(self, share: Float[Tensor, "n j"]) -> None:
         """Let what is painted slide over the skin, by these numbers."""
@@ -246,11 +253,12 @@ class BodyField(nn.Module):
 
     def expect(self, state: Mapping[str, Tensor]) -> None:
         """Have the static detail, the slide and the outgrowth that a state to be loaded has, by its tensors' shapes, or none."""
-        self.detail = self.slide = self.outgrowth = self.relief = None
+        self.detail = self.slide = self.outgrowth = self.relief = self.detail_height = None
         if "detail.edge" in state:
+            if "detail_height" in state:
+                self.detail_height = state["detail_height"].float().clone()
             self.detail = DetailTexture(state["detail.edge"].clone())
-            flat = membrane(self.template.v_template, self.template.faces)
-            self.detail.requires_grad_(False).lay(flat, self.template.faces)
+            self.detail.requires_grad_(False).lay(self._texel_mesh(), self.template.faces)
         if "slide.share" in state:
             self.add_slide(state["slide.share"].float())
         if "relief" in state:
