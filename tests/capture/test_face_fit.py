@@ -20,6 +20,7 @@ from avatarrex.capture.fit.check import template_surface
 from avatarrex.capture.fit.face_fit import fit_face, fit_to_pictures
 from avatarrex.capture.fit.paint import Points, Posed, Seen, sights
 from avatarrex.capture.fit.photo import Photo
+from avatarrex.capture.readers.drawn import MAKER
 from avatarrex.capture.readers.rigs import open_capture
 from avatarrex.capture.zbuffer import visible_faces
 from avatarrex.errors import InputError
@@ -436,6 +437,23 @@ def test_training_fits_skin_and_face(tmp_path: Path) -> None:
     assert found.fit is not None
     assert found.fit.surface is not None
     assert found.fit.face is not None
+
+
+@pytest.mark.parametrize(("maker", "frame"), [(MAKER, "root"), ("somebody", "world")])
+def test_the_light_is_fixed_where_the_capture_says(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, maker: str, frame: str
+) -> None:
+    capture = open_capture(TinyCapture.make(("face",), person=person(), scale=2).zip(tmp_path / "a.zip"))
+    capture = replace(capture, manifest={**capture.manifest, "provenance": {"maker": maker}})
+    frames = []
+
+    def noted(somebody: Person, posed: list[Posed], light: str) -> Person:
+        frames.append(light)
+        return somebody
+
+    monkeypatch.setattr(face_fit, "fit_to_pictures", noted)
+    fit_face(capture)
+    assert frames == [frame]
 
 
 def test_nothing_held_out_is_looked_at(tmp_path: Path) -> None:

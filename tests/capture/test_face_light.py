@@ -17,7 +17,8 @@ from avatarrex.templates.mesh import vertex_normals
 from avatarrex.templates.model import EYES
 from avatarrex.templates.person import Person, load_person
 
-COUNT = 600
+COUNT, SKIN = 600, 500
+"""Points; the first of them on skin."""
 TURNS = np.radians([-30, -15, 0, 15, 30])
 WHOLE = np.radians([20, -20, 0, 20, -20])
 """Radians of head and root."""
@@ -29,7 +30,7 @@ def on_face(person: Person) -> Points:
     body, rng = person.body, np.random.default_rng(0)
     faces, ball = body.faces.numpy(), body.of_groups(EYES).numpy()
     skin = np.flatnonzero(np.isin(faces, person.face.body_vertex_ids.numpy()).all(1) & ~ball[faces].any(1))
-    chosen = np.concatenate([rng.choice(skin, COUNT - 100), rng.choice(np.flatnonzero(ball[faces].all(1)), 100)])
+    chosen = np.concatenate([rng.choice(skin, SKIN), rng.choice(np.flatnonzero(ball[faces].all(1)), COUNT - SKIN)])
     return Points(chosen, rng.dirichlet(np.ones(3), COUNT), np.zeros(COUNT, int))
 
 
@@ -48,7 +49,8 @@ def pictures(
         row = np.flatnonzero(normal[:, 2] > FACING)
         back = torch.from_numpy(Rotation.from_rotvec([0, whole, 0]).as_matrix())  # v @ R is Rᵀ v
         lit = normal if frame == "world" else normal @ back
-        colour = albedo[row] * lamp(lit[row].float()).double().numpy()
+        gain = lamp(lit[row].float()).double().numpy()
+        colour = albedo[row] * np.where(row[:, None] < SKIN, gain, gain**-2)  # of a ball, which reflects another lamp
         seen.append([(row, normal[row, 2].numpy(), colour, np.repeat(colour[..., None], 3, -1))])
     return signals, seen
 
@@ -70,7 +72,7 @@ def test_colours_and_slopes_are_those_of_an_even_light_but_on_eyeballs(frame: st
     lamp = torch.zeros(8, 3)
     lamp[0], lamp[2] = torch.tensor([0.25, 0.2, 0.15]), 0.1
     signals, seen = pictures(person, points, albedo, Irradiance(lamp), frame)
-    skin, balls = np.arange(COUNT - 100), np.arange(COUNT - 100, COUNT)
+    skin, balls = np.arange(SKIN), np.arange(SKIN, COUNT)
     found = without_light(person, points, signals, seen, frame)
     assert spread(seen, skin) > 0.04
     assert spread(found, skin) < 0.005
