@@ -22,6 +22,7 @@ from torch import Tensor
 from avatarrex.avatar import FORMAT, Avatar
 from avatarrex.errors import InputError, plain
 from avatarrex.fields import light
+from avatarrex.fields.body import MAX_CLOTHING_OFFSET
 from avatarrex.fields.detail_texture import packed, unpacked
 from avatarrex.fields.local_frame import UNSAID
 from avatarrex.fields.placement import device_named
@@ -54,7 +55,7 @@ FILES = {"avatar.json": SMALL, "weights.safetensors": 2**30}
 SLIDE = "body.slide.share"
 """What an avatar whose cloth slides has."""
 TEXEL_HEIGHT = "body.detail_height"
-"""What an avatar has whose texels lie where its clothes are; those of before lie on the skin."""
+"""What an avatar has whose texels lie where its clothes are; without it they lie on the skin."""
 RELIEF = "body.relief"
 """What an avatar whose surface was registered to pictures has."""
 FACE_LIGHT = "light.face"
@@ -286,6 +287,10 @@ def _expect(path: Path, avatar: Avatar, state: dict[str, Tensor]) -> None:
     for name, shape in shapes.items():
         if name in state and tuple(state[name].shape) != shape:
             raise InputError(path, f"weights.safetensors: {name}", f"numbers {shape}", tuple(state[name].shape))
+    height = state.get(TEXEL_HEIGHT)
+    if height is not None and not ((height >= 0) & (height <= 1.01 * MAX_CLOTHING_OFFSET)).all():  # halves are rounded
+        expected = f"0 to {MAX_CLOTHING_OFFSET} metres"
+        raise InputError(path, f"weights.safetensors: {TEXEL_HEIGHT}", expected, "others, or no numbers")
     avatar.body.expect({name.removeprefix("body."): value for name, value in state.items()})
     avatar.face.expect({name.removeprefix("face."): value for name, value in state.items()})
     avatar.light.expect({name.removeprefix("light."): value for name, value in state.items()})

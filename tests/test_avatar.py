@@ -4,6 +4,7 @@ import json
 import zipfile
 from pathlib import Path
 
+import numpy as np
 import pytest
 import safetensors.torch
 import torch
@@ -99,6 +100,10 @@ def test_texels_slide_relief_and_outgrowth_are_kept(tmp_path: Path) -> None:
         assert torch.equal(found["body.slide.share"], wanted["body.slide.share"].half().float())
         assert torch.equal(found["body.relief"], wanted["body.relief"].half().float())
         assert torch.equal(found["body.detail_height"], wanted["body.detail_height"].half().float())
+        assert again.body.detail is not None
+        assert avatar.body.detail is not None
+        laid, kept = (one.body.detail.lattice.vertices for one in (again, avatar))
+        np.testing.assert_allclose(laid, kept, atol=2e-5)
         assert again.body.slide is not None
         assert torch.equal(again.body.slide.reach, avatar.body.slide.reach)
         assert torch.equal(found["body.outgrowth.distance"], wanted["body.outgrowth.distance"].half().float())
@@ -116,6 +121,9 @@ def test_texels_slide_relief_and_outgrowth_are_kept(tmp_path: Path) -> None:
         ("body.slide.share", torch.zeros(5, 22), "slide.share: expected numbers"),
         ("body.relief", torch.zeros(5), "body.relief: expected numbers"),
         ("body.detail_height", torch.zeros(5), "body.detail_height: expected numbers"),
+        ("body.detail_height", torch.full((13_886,), float("nan")), "detail_height: expected 0 to 0.04 metres"),
+        ("body.detail_height", torch.full((13_886,), 1e4), "detail_height: expected 0 to 0.04 metres"),
+        ("body.detail_height", torch.full((13_886,), -0.01), "detail_height: expected 0 to 0.04 metres"),
         ("body.outgrowth.distance", torch.zeros(4), "3 dimensions"),
         ("body.outgrowth.distance", torch.ones(4, 4, 4), "somewhere inside"),
         ("body.outgrowth.joint", torch.tensor(55), "the number of a joint, 0 to 54, found 55"),

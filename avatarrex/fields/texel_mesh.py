@@ -1,4 +1,4 @@
-"""The mesh at rest on which the body's texels lie: the template, raised to where its clothes are, with its folds drawn flat. Ours.
+"""The mesh at rest on which the body's texels lie: the template with its folds drawn flat, raised to where its clothes are. Ours.
 
 p̄ of cloth lies up to 3 cm off the skin. Its closest places on the skin gather on edges that are convex and jump across those that are
 not, by as much as the cloth is off times the angle, so that a printed stripe was in pieces, one a triangle. On a mesh that lies in the
@@ -16,24 +16,35 @@ from scipy.sparse import csr_array, diags_array, eye_array
 from torch import Tensor
 
 from avatarrex.fields.membrane import membrane
-from avatarrex.templates.model import TemplateModel
+from avatarrex.templates.mesh import vertex_normals
+from avatarrex.templates.model import EYES, MOUTH, TemplateModel
 
 EVEN = 6
 """How often heights and normals are averaged with those next to them: a raised mesh must not fold in an armpit."""
 
 
 def texel_mesh(template: TemplateModel, height: Float[Tensor, " v"] | None) -> Float[Tensor, "v 3"]:
-    """The vertices, each `height` along its evened normal; None of avatars whose texels lie on the skin."""
-    place = template.v_template.double()
-    if height is not None:
-        normal = torch.nn.functional.normalize(_evened(template, template.normals.double()), dim=-1)
-        place = place + height.double()[:, None] * normal
-    return membrane(place, template.faces)
+    """The vertices, in folds drawn flat, each `height` along its evened normal; None of avatars whose texels lie on the skin."""
+    place = membrane(template.v_template, template.faces)
+    if height is None:
+        return place
+    normal = torch.nn.functional.normalize(_evened(template, vertex_normals(place, template.faces)), dim=-1)
+    return place + height.double()[:, None] * normal
+
+
+def flattened(template: TemplateModel) -> Float[Tensor, " v"]:
+    """Metres that vertices are moved by as parts of a fold."""
+    moved: Tensor = (membrane(template.v_template, template.faces) - template.v_template).norm(dim=1)
+    return moved
 
 
 def texel_height(template: TemplateModel, clothing_offset: Float[Tensor, " v"]) -> Float[Tensor, " v"]:
-    """How high the texels lie above a template that wears clothes so thick; none lies below it."""
-    height: Tensor = _evened(template, clothing_offset.clamp_min(0).double()[:, None])[:, 0].to(clothing_offset)
+    """How high the texels lie above a template that wears clothes so thick; none lies below it. Eyeballs, mouth and folds wear none: it is
+    flesh that they are so deep in.
+    """
+    bare = template.of_groups((*EYES, *MOUTH)) | (flattened(template) > 0)
+    thick = torch.where(bare, 0, clothing_offset.clamp_min(0)).double()
+    height: Tensor = _evened(template, thick[:, None])[:, 0].to(clothing_offset)
     return height
 
 

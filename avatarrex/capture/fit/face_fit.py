@@ -60,20 +60,20 @@ BLURS = (0.006, 0.005, 0.004, 0.003, 0.002, 0.0013)
 """Metres, by round: Gaussians of the pictures. The first rounds see what lies far off."""
 REST_SIGMA, MOVE_SIGMA = 0.01, 0.005
 """σ_o along the normal, and σ_d of a whole unit of ψ: metres."""
-EYE_SIGMA, EYE_MOVE = 0.0015, 0.00015
+EYE_SIGMA, EYE_MOVE = 0.003, 0.0003
 """σ of o of an eyeball, each way, and of its d: expressions move lids."""
 SIDE_SIGMA = 0.0005
 """σ of o across the normal: a skin that slides on itself at rest shows the same colours."""
 NEIGHBOURS, TIE = 4, 4.0
 """How many differences a node has, and how much one counts."""
-THICK, BEHIND, FLESH = 0.013, 0.5, 16.0
+THICK, BEHIND, FLESH = 0.013, 0.5, 4.0
 """Metres of flesh between two nodes that are tied through it, cosine from which one is behind the other, and how many differences
 such a tie counts as."""
-LIDS = 80.0
+LIDS = 20.0
 """How many differences the tie of an eyeball to a node of its lids counts as, at the mean expression: lids slide on it, and hide it when
 they are closed."""
-STRENGTH = 400.0
-"""1/σ_c², σ_c = 0.05 sRGB."""
+STRENGTH = 100.0
+"""1/σ_c², σ_c = 0.1 sRGB."""
 SMOOTH = 0.02
 """Metres over which normals are averaged: a lip faces every way."""
 LIP = 0.012

@@ -26,13 +26,12 @@ MOVED = 0.003
 
 
 @torch.no_grad()
-def even_folds(detail: DetailTexture, rest: Float[Tensor, "v 3"]) -> None:
-    """Even out the texels on triangles whose vertices were flattened (fields/membrane.py) from where they are at `rest`."""
+def even_folds(detail: DetailTexture, flattened: Float[Tensor, " v"]) -> None:
+    """Even out the texels on triangles whose vertices were `flattened` by so many metres (fields/membrane.py)."""
     lattice = detail.lattice
     count = texel_count(lattice.edge)
     owner = np.repeat(np.arange(len(count)), count)
-    moved = np.linalg.norm(lattice.vertices - rest.double().numpy(), axis=1) / MOVED
-    share = moved.clip(0, 1)[lattice.faces].mean(1)[owner]
+    share = (flattened.double().numpy() / MOVED).clip(0, 1)[lattice.faces].mean(1)[owner]
     some = np.flatnonzero(share > 0)
     if not len(some):
         return

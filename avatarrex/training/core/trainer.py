@@ -24,6 +24,7 @@ from avatarrex.capture.readers.rigs import Capture, Rig
 from avatarrex.capture.readers.splits import sealed, splits_of
 from avatarrex.errors import InputError
 from avatarrex.fields.light import UNSAID
+from avatarrex.fields.texel_mesh import flattened
 from avatarrex.metrics.perceptual import Perceptual
 from avatarrex.ops.rotation import matrix_from_rotvec
 from avatarrex.signals.driving import Signals
@@ -153,6 +154,7 @@ class Trainer:
         if state is None and stage.recipe.texel:
             two = stage.recipe if isinstance(stage.recipe, PassTwo) else None
             moves = (False, False) if two is None else (two.slides, two.rises)
+            self.group.agree([self.avatar.body])  # on what its clothes are, where texels are laid
             start_from_pictures(self.avatar, stage.part, store, stage.recipe.texel, *moves)
         self.group.agree(self.avatar.modules().values())
         if self.group.size > 1:  # on what all agreed on
@@ -214,7 +216,7 @@ class Trainer:
                 last = work.step == stage.end
                 due = last or work.step % self.recipe.interval == 0
                 if last and stage.part == "body" and stage.name == "II" and self.avatar.body.detail is not None:
-                    even_folds(self.avatar.body.detail, self.avatar.body.template.v_template)
+                    even_folds(self.avatar.body.detail, flattened(self.avatar.body.template))
                 if due:
                     if isinstance(stage.recipe, PassOne):
                         work.losses.store.renew(work.step)
