@@ -5,13 +5,13 @@ which the pictures agree is sought, over offsets (o, d) of nodes (templates/face
 
     argmin  Σ ω |∇c · M Σ_n w_n (o_n + Σ_k φ_k d_nk) − (t − c)|²/σ_c²  +  Σ |o|²/σ_o² + |d|²/σ_d²  +  the same of neighbours' differences
 
-with c a point's colour in a picture, t its mean, M the head's blended rotation, and φ the frame's expression along the directions in
-which the frames differ most. What one camera sees along its rays others see across them. Each round draws the points where the last one
-has them, in sharper pictures. t follows from the offsets, and is eliminated; o is the face at the frames' mean expression, and moves
-along the normal alone, from where what the fit of the skin slid along itself is undone. Eyeballs have a node each, that moves every way,
-with their lids, and hardly with expressions; where the blur mixes lids into the visible part of one, its points do not count. Jaw and
-eyes turn as the template's do; teeth and tongue lie behind the lips at rest as the template's do: no colours move them, for what is seen
-of them is seen between moving lips.
+with c a point's colour in a picture, its light divided out (face_light.py), t its mean, M the head's blended rotation, and φ the frame's
+expression along the directions in which the frames differ most. What one camera sees along its rays others see across them. Each round
+draws the points where the last one has them, in sharper pictures. t follows from the offsets, and is eliminated; o is the face at the
+frames' mean expression, and moves along the normal alone, from where what the fit of the skin slid along itself is undone. Eyeballs have
+a node each, that moves every way, with their lids, and hardly with expressions; where the blur mixes lids into the visible part of one,
+its points do not count. Jaw and eyes turn as the template's do; teeth and tongue lie behind the lips at rest as the template's do: no
+colours move them, for what is seen of them is seen between moving lips.
 Letters: p points, v vertices, n nodes, k directions and one more for rest, e coefficients. Metres; sRGB in [0, 1].
 """
 

@@ -34,8 +34,8 @@ def without_light(
     ]
     light = Irradiance(fit_light(torch.zeros(8, 3), [*chain(*lit)], len(points.face)))
     return [
-        [_unlit(one, skin, light(pixels.normal).double().numpy()) for one, pixels in zip(*picture)]
-        for picture in zip(seen, lit)
+        [_unlit(one, skin, light(own.normal).double().numpy()) for one, own in zip(pictures, pixels)]
+        for pictures, pixels in zip(seen, lit)
     ]
 
 

@@ -164,7 +164,7 @@ def without_common(patch: np.ndarray, weight: np.ndarray, off: np.ndarray) -> np
 
 
 def sights(person: Person, points: Points, posed: Posed, blur: float) -> Iterator[Seen]:
-    """By picture."""
+    """What each of the pictures shows of the points (`Seen`). What reading one raises is raised."""
     signals, photos = posed
     vertices, faces = template_surface(person, signals)[0], person.body.faces.numpy()
     place = np.einsum("pk,pkc->pc", points.share, vertices[faces[points.face]])

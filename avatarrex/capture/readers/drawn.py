@@ -16,7 +16,7 @@ def drawn(capture: Capture) -> bool:
 
 
 def variation(capture: Capture) -> dict[str, Any]:
-    """What it was drawn with beside its size; nothing where it says nothing."""
+    """Subject, conditions and noise that it was drawn with; empty where it says nothing."""
     found: dict[str, Any] = capture.manifest.get("variation") or {}
     return found
 
