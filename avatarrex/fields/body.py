@@ -230,16 +230,16 @@ class BodyField(nn.Module):
         """Lay grey texels where the clothes are, `spacing` metres apart, but where another part takes the skin's place."""
         template = self.template
         shown = ~self.replaced.cpu()[template.faces].all(1)
-        self.detail_height = texel_height(template, self._worn().cpu()).to(self.clothing_offset)
+        self.detail_height = texel_height(template, self._thickness().cpu()).to(self.clothing_offset)
         self.detail = DetailTexture.of(self._texel_mesh(), template.faces, spacing, shown)
 
-    def _worn(self) -> Float[Tensor, " v"]:
-        """`clothing_offset` without the relief, which p̄ has not."""
+    def _thickness(self) -> Float[Tensor, " v"]:
+        """Of the clothes, metres: `clothing_offset` without the relief, which rest positions do not contain."""
         if self.relief is None:
             return self.clothing_offset
         nearest = torch.cdist(self.template.v_template.to(self.sample_rest), self.sample_rest).argmin(1)
-        worn = self.clothing_offset - self.relief[self.sample_anchor][nearest]
-        return worn.clamp_max(MAX_CLOTHING_OFFSET)
+        thickness = self.clothing_offset - self.relief[self.sample_anchor][nearest]
+        return thickness.clamp_max(MAX_CLOTHING_OFFSET)
 
     def _texel_mesh(self) -> Float[Tensor, "v 3"]:
         return texel_mesh(self.template, None if self.detail_height is None else self.detail_height.cpu())

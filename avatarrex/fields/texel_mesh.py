@@ -39,8 +39,8 @@ def flattened(template: TemplateModel) -> Float[Tensor, " v"]:
 
 
 def texel_height(template: TemplateModel, clothing_offset: Float[Tensor, " v"]) -> Float[Tensor, " v"]:
-    """How high the texels lie above a template that wears clothes so thick; none lies below it. Eyeballs, mouth and folds wear none: it is
-    flesh that they are so deep in.
+    """How high the texels lie above the template, of clothes `clothing_offset` thick; none lies below it. Of eyeballs, mouth and folds that
+    is their depth in flesh: they count as bare.
     """
     bare = template.of_groups((*EYES, *MOUTH)) | (flattened(template) > 0)
     thick = torch.where(bare, 0, clothing_offset.clamp_min(0)).double()
