@@ -29,6 +29,7 @@ from scipy.spatial.distance import cdist
 from tqdm import tqdm
 
 from avatarrex.capture.fit.check import compared_frames, posed_in_world
+from avatarrex.capture.fit.eye_fit import fit_eyes
 from avatarrex.capture.fit.face_light import without_light
 from avatarrex.capture.fit.paint import Points, Posed, Seen, mean_colours, sights, trust, without_common
 from avatarrex.capture.fit.refine import shot
@@ -89,7 +90,7 @@ def fit_face(capture: Capture) -> Person:
         return person
     frames = _different(rig, Splits.of(rig).train.frames)
     posed = [(rig.signals[frame], shot(rig, frame).photos) for frame in frames]
-    return fit_to_pictures(person, posed, light=light_frame(capture)) if posed else person
+    return fit_eyes(fit_to_pictures(person, posed, light=light_frame(capture)), posed) if posed else person
 
 
 def fit_to_pictures(
