@@ -5,11 +5,11 @@ eye is drawn as a camera sees it, `SAMPLES`² samples a pixel, and offsets x of 
 
     min_{x,t,g}  Σ_p ω_p |c_p − g Σ_s t(s) / SAMPLES²|²/σ_c²  +  λ Σ |t_a − t_b|²  +  Σ |x|²/σ²
 
-with t colours at the corners of the mesh, whose triangles are divided, g a picture's gain by channel, and x at rest and along the directions
-of ψ in which the captured expressions differ. Each round finds t and g where the surface is, then takes a step of Gauss and Newton in x.
-A drawn picture I changes by −∇I · u as the surface moves by u (Loper and Black, OpenDR, 2014); beside a lid an eyeball's pixel changes
-as the lid moves. Letters: p pixels, s samples, t corners, v vertices, f triangles, n nodes, k directions and one more for rest.
-Metres; sRGB in [0, 1].
+with t colours at the corners of the mesh, whose triangles are divided, g a picture's gain by channel, and x at rest: what expressions move
+stays, for what is drawn right in one expression may be wrong in the next. Each round finds t and g where the surface is, then takes a
+step of Gauss and Newton in x. A drawn picture I changes by −∇I · u as the surface moves by u (Loper and Black, OpenDR, 2014); beside a lid
+an eyeball's pixel changes as the lid moves. Letters: p pixels, s samples, t corners, v vertices, f triangles, n nodes. Metres; sRGB in
+[0, 1].
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ PAINTED = 3
 STRENGTH = 400.0
 """1/σ_c², σ_c = 0.05 sRGB."""
 SIGMA = 0.0002
-"""σ of x, each way; of a whole unit of ψ, too."""
+"""σ of a step of x, each way."""
 EVEN = 1e-3
 """λ, for the weight of a pixel."""
 LEAST = 30
@@ -149,8 +149,6 @@ class _View:
     """(p, t) what corners a pixel shows."""
     moves: np.ndarray
     """(p, n, 2, 3) pixels that what a pixel shows moves by as nodes do."""
-    phi: np.ndarray
-    """(k,) φ of the frame."""
 
     def jacobian(self, drawn: np.ndarray) -> np.ndarray:
         """(p, 3, 3 n) of the `drawn` colours (p, 3): how they change as nodes move, by channel."""
@@ -177,39 +175,29 @@ def _stepped(base: Person, person: Person, mesh: _Mesh, posed: Sequence[_Shown])
     face, ball = fit.face, cKDTree(rest[base.body.of_groups([mesh.eye]).numpy()])
     near = np.flatnonzero(ball.query(rest[list(face.vertices)])[0] < NEAR)
     weights = mesh.share @ node_weights(base.body, face.vertices)[mesh.ids][:, near].toarray()
-    expression = np.stack([signals.expression for signals, _ in posed])
-    along = expression @ face.directions.reshape(-1, expression.shape[1]).T
-    mean, views = along.mean(0), []
-    for values, (signals, pictures) in zip(along - mean, posed):
-        views += _views(person, mesh, weights, signals, pictures, np.array([1.0, *values]))
+    views = [view for signals, pictures in posed for view in _views(person, mesh, weights, signals, pictures)]
     if not views or not len(near):
         return person
-    moved = _step(mesh, views, 3 * len(near)).reshape(len(near), 3, -1)
-    first, moves = np.array(face.rest), np.array(face.moves)
-    first[near] += moved[..., 0] - moved[..., 1:] @ mean
-    moves[near] += moved[..., 1:]
-    return resize_person(base, replace(fit, face=replace(face, rest=first, moves=moves)))
+    moved = np.array(face.rest)
+    moved[near] += _step(mesh, views).reshape(-1, 3)
+    return resize_person(base, replace(fit, face=replace(face, rest=moved)))
 
 
-def _step(mesh: _Mesh, views: Sequence[_View], size: int) -> np.ndarray:
-    """x (3 n, k) of one round."""
-    colours, gains, weights = _painted(mesh, views)
-    k = len(views[0].phi)
-    form, pull = np.zeros((size, k, size, k)), np.zeros((size, k))
-    for one, gain, weight in zip(views, gains, weights):
-        drawn = gain * (one.matrix @ colours)
-        jacobian, off = one.jacobian(drawn), one.colour - drawn
+def _step(mesh: _Mesh, views: Sequence[_View]) -> np.ndarray:
+    """x (3 n,) of one round."""
+    form: np.ndarray = np.zeros(())
+    pull: np.ndarray = np.zeros(())
+    for one, gain, weight, colour in zip(views, *_painted(mesh, views)):
+        jacobian = one.jacobian(gain * colour)
         weighed = weight[:, None, None] * jacobian
-        square = np.einsum("pca,pcb->ab", weighed, jacobian)
-        form += square[:, None, :, None] * np.outer(one.phi, one.phi)[:, None]
-        pull += np.einsum("pca,pc->a", weighed, off)[:, None] * one.phi
-    whole = STRENGTH * form.reshape(size * k, -1) + np.eye(size * k) / SIGMA**2
-    found: np.ndarray = np.linalg.solve(whole, STRENGTH * pull.ravel()).reshape(size, k)
+        form = form + np.einsum("pca,pcb->ab", weighed, jacobian)
+        pull = pull + np.einsum("pca,pc->a", weighed, one.colour - gain * colour)
+    found: np.ndarray = np.linalg.solve(STRENGTH * form + np.eye(len(form)) / SIGMA**2, STRENGTH * pull)
     return found
 
 
-def _painted(mesh: _Mesh, views: Sequence[_View]) -> tuple[np.ndarray, list[np.ndarray], list[np.ndarray]]:
-    """Colours of the corners (t, 3), gains (3,) of the pictures, and weights (p,) of their pixels."""
+def _painted(mesh: _Mesh, views: Sequence[_View]) -> tuple[list[np.ndarray], list[np.ndarray], list[np.ndarray]]:
+    """Gains (3,) of the pictures, and weights (p,) and colours without the gain (p, 3) of their pixels."""
     gains, weights = [np.ones(3) for _ in views], [np.ones(len(one.colour)) for one in views]
     for _ in range(PAINTED):
         form, right = EVEN * mesh.uneven + 1e-6 * eye_array(len(mesh.uneven.indptr) - 1), 0
@@ -222,7 +210,7 @@ def _painted(mesh: _Mesh, views: Sequence[_View]) -> tuple[np.ndarray, list[np.n
         common = np.mean(gains, 0)
         gains = [gain / common for gain in gains]
         weights = [trust(one.colour - gain * shown) for one, gain, shown in zip(views, gains, drawn)]
-    return colours, gains, weights
+    return gains, weights, drawn
 
 
 def _gain(drawn: np.ndarray, one: _View, weight: np.ndarray) -> np.ndarray:
@@ -232,7 +220,7 @@ def _gain(drawn: np.ndarray, one: _View, weight: np.ndarray) -> np.ndarray:
 
 
 def _views(
-    person: Person, mesh: _Mesh, weights: np.ndarray, signals: Signals, pictures: Sequence[_Picture], phi: np.ndarray
+    person: Person, mesh: _Mesh, weights: np.ndarray, signals: Signals, pictures: Sequence[_Picture]
 ) -> list[_View]:
     """The eye in each of a moment's pictures that shows enough of it; `weights` (t, n) of the nodes at the corners."""
     posed, world = posed_in_world(person, signals)
@@ -240,13 +228,11 @@ def _views(
     vertices = posed.vertices.double().numpy()[mesh.ids] @ world[:3, :3].T + world[:3, 3]
     place = np.concatenate([mesh.share @ vertices, vertices])
     turns = (mesh.share @ turn.reshape(-1, 9)).reshape(-1, 3, 3)
-    seen = (_view(mesh, place, weights, turns, picture, phi) for picture in pictures)
+    seen = (_view(mesh, place, weights, turns, picture) for picture in pictures)
     return [one for one in seen if one is not None]
 
 
-def _view(
-    mesh: _Mesh, place: np.ndarray, weights: np.ndarray, turns: np.ndarray, picture: _Picture, phi: np.ndarray
-) -> _View | None:
+def _view(mesh: _Mesh, place: np.ndarray, weights: np.ndarray, turns: np.ndarray, picture: _Picture) -> _View | None:
     """Of a posed mesh (its `place`s, world metres) and the corners' `weights` and `turns` (t, 3, 3); None where little is seen."""
     count = len(turns)
     pixel, depth = picture.camera.pixels(place[:count])
@@ -268,7 +254,7 @@ def _view(
     flow = flow @ np.einsum("pk,pkxy->pxy", part, turns[corner])
     moves = np.einsum("pk,pkn->pn", part, weights[corner])[:, :, None, None] * flow[:, None]
     colour = picture.colour[top:bottom, left:right][whole] / 255
-    return _View(colour, (row, column), (height, width), _matrix(mesh, face, share, whole, count), moves, phi)
+    return _View(colour, (row, column), (height, width), _matrix(mesh, face, share, whole, count), moves)
 
 
 def _carriers(
