@@ -17,7 +17,7 @@ from avatarrex.capture.fit.paint import Posed
 from avatarrex.capture.fit.photo import Photo
 from avatarrex.capture.zbuffer import visible_faces
 from avatarrex.signals.driving import Signals
-from avatarrex.signals.joints import EXPRESSION_NAMES
+from avatarrex.signals.joints import EXPRESSION_NAMES, JOINT_NAMES
 from avatarrex.templates.face_offsets import FaceOffsets
 from avatarrex.templates.model import EYES
 from avatarrex.templates.person import Person, load_person, resize_person
@@ -32,7 +32,8 @@ BLINK = [EXPRESSION_NAMES.index(name) for name in ("eyeBlinkLeft", "eyeBlinkRigh
 FINER = 3
 """Samples along a pixel of the pictures, which are drawn finer than the fit draws."""
 CLOSE = [Camera.orbit(angle, 0, 0.7, 10, tuple(EYE), 320, 160) for angle in (-30, 0, 30)]
-WIDE = [Camera.orbit(0, 0, 0.7, 10, (0, -0.5, 0), 200, 100)]
+BEHIND = [Camera.orbit(angle, 0, 0.7, 10, tuple(EYE), 320, 160) for angle in (160, 180, 200)]
+"""No eye is in sight from there."""
 
 
 def lids() -> np.ndarray:
@@ -47,7 +48,9 @@ def person(rest: Sequence[float] = (0, 0, 0), closing: float = 0.0) -> Person:
     """Its left upper lid moved, and less of both blinks."""
     chosen = lids()[::4]
     moves = closing * BODY.expression_dirs.double().numpy()[chosen][..., BLINK]
-    offsets = FaceOffsets(tuple(chosen.tolist()), np.tile(rest, (len(chosen), 1)), np.eye(52)[BLINK], moves)
+    offsets = FaceOffsets(
+        tuple(chosen.tolist()), np.tile(rest, (len(chosen), 1)), np.eye(52)[BLINK], moves, eye_joints=True
+    )
     return resize_person(load_person(), PersonFit(np.zeros(10), np.zeros((55, 3)), face=offsets))
 
 
@@ -119,17 +122,53 @@ def test_lids_that_are_right_stay() -> None:
 
 def test_without_an_eye_in_sight_nothing_moves() -> None:
     theirs = person((0, -0.0015, 0))
-    found = fit_eyes(person(), pictures(theirs, (1.0,), WIDE))
+    found = fit_eyes(person(), pictures(theirs, cameras=BEHIND))
     assert found.fit is not None
     assert found.fit.face is not None
     assert not found.fit.face.rest.any()
 
 
+def test_an_eye_that_a_picture_cuts_to_a_line_does_not_count(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(eye_fit, "LEAST", 5)
+    theirs = person((0, -0.0015, 0))
+    edge = int(CLOSE[1].pixels(REST[BODY.groups["left_eye"]])[0][:, 0].mean())
+    cut = [CLOSE[1].cropped(edge, 0, 1, CLOSE[1].height)]
+    found = fit_eyes(person(), pictures(theirs, (1.0,), cut))
+    assert found.fit is not None
+    assert found.fit.face is not None
+    assert not found.fit.face.rest.any()
+
+
+def test_an_eyeball_moves_with_the_head_whatever_the_gaze() -> None:
+    """Where its joint moves along."""
+    mesh, up = eye_fit._Mesh.about(BODY, "left_eye"), 0.001
+    weights = (mesh.share @ BALLS.astype(float))[:, None]
+    one = signals(0, 0.4).replace(global_orient=np.array([0, 0.5, 0]))
+    middle, joint = BODY.groups["left_eye"], JOINT_NAMES.index("left_eye")
+    front = max(middle.tolist(), key=lambda vertex: REST[vertex, 2])
+    moved = FaceOffsets((front,), np.array([[0, up, 0]]), np.zeros((0, 52)), np.zeros((1, 3, 0)), eye_joints=True)
+    theirs = resize_person(load_person(), PersonFit(np.zeros(10), np.zeros((55, 3)), face=moved))
+    assert theirs.body.joint_template[joint, 1] - BODY.joint_template[joint, 1] == pytest.approx(up, abs=1e-6)
+    cameras = [
+        Camera.orbit(np.degrees(0.5) + 45, 0, 0.7, 10, tuple(template_surface(person(), one)[1][joint]), 320, 160)
+    ]
+    seen = [eye_fit._Picture.of(photo(person(), one, camera, 1.0)) for camera in cameras]
+    view = eye_fit._views(person(), mesh, weights, one, seen)[0]
+    ball = view.moves[:, 0].__abs__().sum((1, 2)) > 0
+    places = [template_surface(each, one)[0][front] for each in (person(), theirs)]
+    pixels = np.diff(cameras[0].pixels(np.stack(places))[0], axis=0)[0] / up
+    assert ball.sum() > 50
+    full = view.moves[:, 0] / np.maximum(np.linalg.norm(view.moves[:, 0], axis=(1, 2), keepdims=True), 1e-9)
+    wanted = pixels / np.linalg.norm(pixels)
+    found = full[ball][:, :, 1].mean(0)
+    np.testing.assert_allclose(found / np.linalg.norm(found), wanted, atol=0.05)
+
+
 def test_a_drawn_picture_changes_as_the_jacobian_says() -> None:
     """As the skin about an eyeball moves up: the colours of both are even, so that all that changes is where lids end."""
     mesh = eye_fit._Mesh.about(BODY, "left_eye")
-    place = np.concatenate([mesh.share @ REST[mesh.ids], REST[mesh.ids]])
-    skin = (~BALLS[mesh.ids]).astype(float)
+    place = np.concatenate([mesh.share @ REST, REST])
+    skin = (~BALLS).astype(float)
     weights, paint = (mesh.share @ skin)[:, None], colour_of_corners(mesh)
     seen = eye_fit._Picture.of(photo(person(), signals(0), CLOSE[1], 1.0))
 
@@ -155,13 +194,13 @@ def test_a_drawn_picture_changes_as_the_jacobian_says() -> None:
 
 def colour_of_corners(mesh: eye_fit._Mesh) -> np.ndarray:
     """(t, 3): dark balls, bright skin."""
-    ball = mesh.share @ BALLS[mesh.ids].astype(float)
+    ball = mesh.share @ BALLS.astype(float)
     return np.asarray(np.where(ball[:, None] > 0.999, 0.2, 0.7) * np.ones(3))
 
 
 def test_triangles_are_divided_where_they_lie() -> None:
     mesh = eye_fit._Mesh.about(BODY, "right_eye")
-    place, whole = mesh.share @ REST[mesh.ids], FACES[(np.isin(FACES, mesh.ids)).all(1)]
+    place, whole = mesh.share @ REST, FACES
 
     def area(corners: np.ndarray) -> np.ndarray:
         a, b, c = corners.swapaxes(0, 1)

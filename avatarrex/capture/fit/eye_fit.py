@@ -3,13 +3,14 @@
 Where a lid ends a blurred picture shows half lid, half eyeball: points alone (face_fit.py) leave lids a pixel off. Here the mesh about an
 eye is drawn as a camera sees it, `SAMPLES`² samples a pixel, and offsets x of the nodes about it are sought with which it looks the same:
 
-    min_{x,t,g}  Σ_p ω_p |c_p − g Σ_s t(s) / SAMPLES²|²/σ_c²  +  λ Σ |t_a − t_b|²  +  Σ |x|²/σ²
+    min_{x,t,g}  Σ_p ω_p |c_p − g Σ_s t(s) / SAMPLES²|²
 
 with t colours at the corners of the mesh, whose triangles are divided, g a picture's gain by channel, and x at rest: what expressions move
-stays, for what is drawn right in one expression may be wrong in the next. Each round finds t and g where the surface is, then takes a
-step of Gauss and Newton in x. A drawn picture I changes by −∇I · u as the surface moves by u (Loper and Black, OpenDR, 2014); beside a lid
-an eyeball's pixel changes as the lid moves. Letters: p pixels, s samples, t corners, v vertices, f triangles, n nodes. Metres; sRGB in
-[0, 1].
+stays, for what is drawn right in one expression may be wrong in the next. Each round finds t, as even as neighbours may be, and g where
+the surface is, then takes a step of Gauss and Newton in x, damped by |δx|² σ_c²/σ². A drawn picture I changes by −∇I · u as the surface
+moves by u (Loper and Black, OpenDR, 2014); beside a lid an eyeball's pixel changes as the lid moves.
+
+Letters: p pixels, s samples, t corners, v vertices, f triangles, n nodes. Metres; sRGB in [0, 1].
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from scipy.ndimage import distance_transform_edt
 from scipy.sparse import csr_array, diags_array, eye_array, vstack
 from scipy.sparse.linalg import splu
 from scipy.spatial import cKDTree
+from torch import Tensor
 from tqdm import tqdm
 
 from avatarrex.camera import Camera
@@ -32,12 +34,13 @@ from avatarrex.capture.fit.photo import OPAQUE, PHOTO_PIXELS, Photo
 from avatarrex.capture.zbuffer import NEAREST_DEPTH, visible_faces
 from avatarrex.ops.skinning import blend
 from avatarrex.signals.driving import Signals
+from avatarrex.signals.joints import JOINT_NAMES
 from avatarrex.templates.face_offsets import node_weights
 from avatarrex.templates.model import EYES, TemplateModel
 from avatarrex.templates.person import Person, load_person, resize_person
 
-DRAWN, HIDING = 0.02, 0.05
-"""Metres from the middle of an eye: what is drawn, lids and the skin around them, and what may hide it."""
+DRAWN = 0.02
+"""Metres from the middle of an eye: lids and the skin around them."""
 HALVED = 2
 """Times that the edges of its triangles are halved: corners 0.8 mm apart."""
 NEAR = 0.007
@@ -62,10 +65,12 @@ DARKEST, BRIGHTEST = 0.5, 2.0
 
 
 def fit_eyes(person: Person, posed: Sequence[Posed]) -> Person:
-    """`person`, whose face has been fitted, with the surroundings of its eyes as the pictures show them; as it is without eyeballs. What
-    reading a picture raises is raised."""
+    """`person`, whose face has been fitted, with the surroundings of its eyes as the pictures show them; as it is without eyeballs or such
+    a face. What reading a picture raises is raised."""
     base = load_person(person.name)
     eyes = [eye for eye in EYES if eye in base.body.groups]
+    if not eyes or person.fit is None or person.fit.face is None:
+        return person
     shown = [(signals, [_Picture.of(photo) for photo in photos]) for signals, photos in posed]
     with tqdm(total=ROUNDS * len(eyes), desc="fit eyes", unit="round", leave=False) as bar:
         for eye in eyes:
@@ -78,15 +83,13 @@ def fit_eyes(person: Person, posed: Sequence[Posed]) -> Person:
 
 @dataclass(frozen=True, eq=False)
 class _Mesh:
-    """The triangles about an eye, those that are drawn divided."""
+    """The body, whose triangles about an eye are drawn, divided; the others may hide them."""
 
     eye: str
-    ids: np.ndarray
-    """(v,) vertices of the body."""
     share: csr_array
-    """(t, v) the corners, as means of vertices."""
+    """(t, v) the corners, as means of the body's vertices."""
     faces: np.ndarray
-    """(f, 3) corners; those that are drawn first, then those that may hide them, by t + vertex."""
+    """(f, 3) corners; those that are drawn first, then the others, by t + vertex."""
     drawn: int
     """How many are drawn."""
     ball: np.ndarray
@@ -99,18 +102,16 @@ class _Mesh:
         """Of the original body."""
         rest, faces, ball = body.v_template.double().numpy(), body.faces.numpy(), body.of_groups([eye]).numpy()
         away = np.linalg.norm(rest - rest[ball].mean(0), axis=1)
-        ids, corner = np.unique(faces[(away < HIDING)[faces].all(1)], return_inverse=True)
-        corner = corner.reshape(-1, 3)
-        inner = (away[ids] < DRAWN)[corner].all(1)
-        used, fine = np.unique(corner[inner], return_inverse=True)
-        share, fine = eye_array(len(ids)).tocsr()[used], fine.reshape(-1, 3)
-        of_ball = ball[ids][corner[inner]].all(1)
+        inner = (away < DRAWN)[faces].all(1)
+        used, fine = np.unique(faces[inner], return_inverse=True)
+        share, fine = eye_array(len(rest)).tocsr()[used], fine.reshape(-1, 3)
+        of_ball = ball[faces[inner]].all(1)
         for _ in range(HALVED):
             share, fine = _halved(share, fine)
             of_ball = np.tile(of_ball, 4)
         count = share.shape[0]
-        whole = np.concatenate([fine, corner[~inner] + count])
-        return cls(eye, ids, share, whole, len(fine), of_ball, _unevenness(fine, count))
+        whole = np.concatenate([fine, faces[~inner] + count])
+        return cls(eye, share, whole, len(fine), of_ball, _unevenness(fine, count))
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,7 +175,7 @@ def _stepped(base: Person, person: Person, mesh: _Mesh, posed: Sequence[_Shown])
         return person
     face, ball = fit.face, cKDTree(rest[base.body.of_groups([mesh.eye]).numpy()])
     near = np.flatnonzero(ball.query(rest[list(face.vertices)])[0] < NEAR)
-    weights = mesh.share @ node_weights(base.body, face.vertices)[mesh.ids][:, near].toarray()
+    weights = mesh.share @ node_weights(base.body, face.vertices)[:, near].toarray()
     views = [view for signals, pictures in posed for view in _views(person, mesh, weights, signals, pictures)]
     if not views or not len(near):
         return person
@@ -208,7 +209,7 @@ def _painted(mesh: _Mesh, views: Sequence[_View]) -> tuple[list[np.ndarray], lis
         drawn = [one.matrix @ colours for one in views]
         gains = [_gain(*each) for each in zip(drawn, views, weights)]
         common = np.mean(gains, 0)
-        gains = [gain / common for gain in gains]
+        gains, drawn = [gain / common for gain in gains], [common * shown for shown in drawn]
         weights = [trust(one.colour - gain * shown) for one, gain, shown in zip(views, gains, drawn)]
     return gains, weights, drawn
 
@@ -224,12 +225,23 @@ def _views(
 ) -> list[_View]:
     """The eye in each of a moment's pictures that shows enough of it; `weights` (t, n) of the nodes at the corners."""
     posed, world = posed_in_world(person, signals)
-    turn = (world[:3, :3] @ blend(posed.skinning, person.body.weights)[:, :3, :3].double().numpy())[mesh.ids]
-    vertices = posed.vertices.double().numpy()[mesh.ids] @ world[:3, :3].T + world[:3, 3]
+    turn = world[:3, :3] @ blend(posed.skinning, _carried(person)).double().numpy()[:, :3, :3]
+    vertices = posed.vertices.double().numpy() @ world[:3, :3].T + world[:3, 3]
     place = np.concatenate([mesh.share @ vertices, vertices])
     turns = (mesh.share @ turn.reshape(-1, 9)).reshape(-1, 3, 3)
     seen = (_view(mesh, place, weights, turns, picture) for picture in pictures)
     return [one for one in seen if one is not None]
+
+
+def _carried(person: Person) -> Tensor:
+    """(v, j) whose turns offsets take along: an eyeball, about whose middle it turns, those of the head."""
+    weights = person.body.weights.clone()
+    if person.fit is not None and person.fit.face is not None and person.fit.face.eye_joints:
+        for eye in EYES:
+            joint = JOINT_NAMES.index(eye)
+            weights[:, int(person.body.parents[joint])] += weights[:, joint]
+            weights[:, joint] = 0
+    return weights
 
 
 def _view(mesh: _Mesh, place: np.ndarray, weights: np.ndarray, turns: np.ndarray, picture: _Picture) -> _View | None:
@@ -238,7 +250,7 @@ def _view(mesh: _Mesh, place: np.ndarray, weights: np.ndarray, turns: np.ndarray
     pixel, depth = picture.camera.pixels(place[:count])
     left, top = np.maximum(np.floor(pixel.min(0)), 0).astype(int)
     right, bottom = np.minimum(np.ceil(pixel.max(0)), (picture.camera.width, picture.camera.height)).astype(int)
-    if depth.min() < NEAREST_DEPTH or right <= left or bottom <= top:
+    if depth.min() < NEAREST_DEPTH or right < left + 2 or bottom < top + 2:
         return None
     width, height = int(right - left), int(bottom - top)
     fine = picture.camera.cropped(int(left), int(top), width, height).resized(width * SAMPLES, height * SAMPLES)
@@ -260,7 +272,7 @@ def _view(mesh: _Mesh, place: np.ndarray, weights: np.ndarray, turns: np.ndarray
 def _carriers(
     face: np.ndarray, drawn: np.ndarray, ball: np.ndarray, row: np.ndarray, column: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The sample with which each pixel moves: the one in its middle; where that is an eyeball's and skin is within `BESIDE`, the
+    """The sample with which each pixel moves: the one beside its middle; where that is an eyeball's and skin is within `BESIDE`, the
     nearest of that."""
     at = row * SAMPLES + SAMPLES // 2, column * SAMPLES + SAMPLES // 2
     skin = drawn.copy()

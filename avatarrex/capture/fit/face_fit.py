@@ -82,8 +82,9 @@ LIP = 0.012
 
 
 def fit_face(capture: Capture) -> Person:
-    """`capture.person` with its face as the training's pictures of the face rig show it; as it is, where there is no such rig, where nobody
-    tracked expressions or jaw, or the face has a mesh of its own. Raises `InputError` for a picture that cannot be decoded.
+    """`capture.person` with its face as the training's pictures of the face rig show it, eyes by drawing them (eye_fit.py). As it is, where
+    there is no such rig, where nobody tracked expressions or jaw, or the face has a mesh of its own. Raises `InputError` for a picture
+    that cannot be decoded.
     """
     person, rig = capture.person, capture.rigs.get("face")
     if rig is None or person.fit is None or (person.face.body_vertex_ids < 0).any():
