@@ -144,8 +144,8 @@ def test_an_eyeball_moves_with_the_head_whatever_the_gaze() -> None:
     mesh, up = eye_fit._Mesh.about(BODY, "left_eye"), 0.001
     weights = (mesh.share @ BALLS.astype(float))[:, None]
     one = signals(0, 0.4).replace(global_orient=np.array([0, 0.5, 0]))
-    middle, joint = BODY.groups["left_eye"], JOINT_NAMES.index("left_eye")
-    front = max(middle.tolist(), key=lambda vertex: REST[vertex, 2])
+    joint = JOINT_NAMES.index("left_eye")
+    front = max(BODY.groups["left_eye"].tolist(), key=lambda vertex: REST[vertex, 2])
     moved = FaceOffsets((front,), np.array([[0, up, 0]]), np.zeros((0, 52)), np.zeros((1, 3, 0)), eye_joints=True)
     theirs = resize_person(load_person(), PersonFit(np.zeros(10), np.zeros((55, 3)), face=moved))
     assert theirs.body.joint_template[joint, 1] - BODY.joint_template[joint, 1] == pytest.approx(up, abs=1e-6)
@@ -154,7 +154,7 @@ def test_an_eyeball_moves_with_the_head_whatever_the_gaze() -> None:
     ]
     seen = [eye_fit._Picture.of(photo(person(), one, camera, 1.0)) for camera in cameras]
     view = eye_fit._views(person(), mesh, weights, one, seen)[0]
-    ball = view.moves[:, 0].__abs__().sum((1, 2)) > 0
+    ball = np.abs(view.moves[:, 0]).sum((1, 2)) > 0
     places = [template_surface(each, one)[0][front] for each in (person(), theirs)]
     pixels = np.diff(cameras[0].pixels(np.stack(places))[0], axis=0)[0] / up
     assert ball.sum() > 50

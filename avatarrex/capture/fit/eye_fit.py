@@ -19,7 +19,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from PIL import Image
 from scipy.ndimage import distance_transform_edt
 from scipy.sparse import csr_array, diags_array, eye_array, vstack
 from scipy.sparse.linalg import splu
@@ -28,9 +27,9 @@ from torch import Tensor
 from tqdm import tqdm
 
 from avatarrex.camera import Camera
-from avatarrex.capture.fit.check import posed_in_world, reduced
+from avatarrex.capture.fit.check import posed_in_world
 from avatarrex.capture.fit.paint import Posed, trust
-from avatarrex.capture.fit.photo import OPAQUE, PHOTO_PIXELS, Photo
+from avatarrex.capture.fit.photo import OPAQUE, Photo
 from avatarrex.capture.zbuffer import NEAREST_DEPTH, visible_faces
 from avatarrex.ops.skinning import blend
 from avatarrex.signals.driving import Signals
@@ -57,11 +56,11 @@ STRENGTH = 400.0
 SIGMA = 0.0002
 """σ of a step of x, each way."""
 EVEN = 1e-3
-"""λ, for the weight of a pixel."""
+"""Weight of the squared difference of two neighbouring corners; that of a pixel is 1 at most."""
 LEAST = 30
 """Pixels of an eye in a picture that counts."""
 DARKEST, BRIGHTEST = 0.5, 2.0
-"""Gains."""
+"""Gains are at least and at most this, before they are divided by their mean."""
 
 
 def fit_eyes(person: Person, posed: Sequence[Posed]) -> Person:
@@ -75,8 +74,12 @@ def fit_eyes(person: Person, posed: Sequence[Posed]) -> Person:
     with tqdm(total=ROUNDS * len(eyes), desc="fit eyes", unit="round", leave=False) as bar:
         for eye in eyes:
             mesh = _Mesh.about(base.body, eye)
+            near = _near(base.body, eye, person.fit.face.vertices)
+            weights = mesh.share @ node_weights(base.body, person.fit.face.vertices)[:, near].toarray()
             for _ in range(ROUNDS):
-                person = _stepped(base, person, mesh, shown)
+                views = [view for moment in shown for view in _views(person, mesh, weights, *moment)]
+                if views and len(near):
+                    person = _moved(base, person, near, _step(mesh, views).reshape(-1, 3))
                 bar.update()
     return person
 
@@ -85,7 +88,6 @@ def fit_eyes(person: Person, posed: Sequence[Posed]) -> Person:
 class _Mesh:
     """The body, whose triangles about an eye are drawn, divided; the others may hide them."""
 
-    eye: str
     share: csr_array
     """(t, v) the corners, as means of the body's vertices."""
     faces: np.ndarray
@@ -111,7 +113,7 @@ class _Mesh:
             of_ball = np.tile(of_ball, 4)
         count = share.shape[0]
         whole = np.concatenate([fine, faces[~inner] + count])
-        return cls(eye, share, whole, len(fine), of_ball, _unevenness(fine, count))
+        return cls(share, whole, len(fine), of_ball, _unevenness(fine, count))
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,18 +129,13 @@ class _Picture:
     @classmethod
     def of(cls, photo: Photo) -> _Picture:
         """What reading it raises is raised."""
-        camera = reduced(photo.camera, PHOTO_PIXELS)
-        size = camera.width, camera.height
-        colour, matte = (
-            np.asarray(Image.fromarray(layer).resize(size, Image.Resampling.BOX))
-            for layer in (photo.image(), photo.matte())
-        )
+        camera, colour, matte = photo.small()
         return cls(camera, colour, matte >= OPAQUE)
 
 
 @dataclass(frozen=True, eq=False)
 class _View:
-    """What one picture shows of the eye."""
+    """What one picture shows of an eye."""
 
     colour: np.ndarray
     """(p, 3) of the pixels that show nothing else."""
@@ -147,9 +144,9 @@ class _View:
     shape: tuple[int, int]
     """Of the window, pixels."""
     matrix: csr_array
-    """(p, t) what corners a pixel shows."""
+    """(p, t) share of each corner in a pixel's colour."""
     moves: np.ndarray
-    """(p, n, 2, 3) pixels that what a pixel shows moves by as nodes do."""
+    """(p, n, 2, 3) pixels per metre: how what a pixel shows moves in the picture as a node moves."""
 
     def jacobian(self, drawn: np.ndarray) -> np.ndarray:
         """(p, 3, 3 n) of the `drawn` colours (p, 3): how they change as nodes move, by channel."""
@@ -164,24 +161,20 @@ class _View:
         return found
 
 
-_Shown = tuple[Signals, Sequence[_Picture]]
-"""Somebody's pose, and pictures of it."""
+def _near(body: TemplateModel, eye: str, nodes: tuple[int, ...]) -> np.ndarray:
+    """(n,) which of the nodes lie within `NEAR` of an eyeball."""
+    rest = body.v_template.double().numpy()
+    found: np.ndarray = np.flatnonzero(cKDTree(rest[body.of_groups([eye]).numpy()]).query(rest[list(nodes)])[0] < NEAR)
+    return found
 
 
-def _stepped(base: Person, person: Person, mesh: _Mesh, posed: Sequence[_Shown]) -> Person:
-    """`person` after one round; `base`: in the template's size."""
-    fit, rest = person.fit, base.body.v_template.double().numpy()
-    if fit is None or fit.face is None:
-        return person
-    face, ball = fit.face, cKDTree(rest[base.body.of_groups([mesh.eye]).numpy()])
-    near = np.flatnonzero(ball.query(rest[list(face.vertices)])[0] < NEAR)
-    weights = mesh.share @ node_weights(base.body, face.vertices)[:, near].toarray()
-    views = [view for signals, pictures in posed for view in _views(person, mesh, weights, signals, pictures)]
-    if not views or not len(near):
-        return person
-    moved = np.array(face.rest)
-    moved[near] += _step(mesh, views).reshape(-1, 3)
-    return resize_person(base, replace(fit, face=replace(face, rest=moved)))
+def _moved(base: Person, person: Person, near: np.ndarray, by: np.ndarray) -> Person:
+    """`person` with some nodes of its face moved at rest by (n, 3) metres; `base`: in the template's size."""
+    assert person.fit is not None
+    assert person.fit.face is not None
+    rest = np.array(person.fit.face.rest)
+    rest[near] += by
+    return resize_person(base, replace(person.fit, face=replace(person.fit.face, rest=rest)))
 
 
 def _step(mesh: _Mesh, views: Sequence[_View]) -> np.ndarray:
@@ -234,7 +227,7 @@ def _views(
 
 
 def _carried(person: Person) -> Tensor:
-    """(v, j) whose turns offsets take along: an eyeball, about whose middle it turns, those of the head."""
+    """(v, j) skinning weights by which offsets turn. An eyeball whose joint takes its offset along moves with the head, whatever its gaze."""
     weights = person.body.weights.clone()
     if person.fit is not None and person.fit.face is not None and person.fit.face.eye_joints:
         for eye in EYES:

@@ -36,13 +36,18 @@ class Photo:
     matte: Callable[[], np.ndarray]
     """Reads (h, w), bytes."""
 
-    def blurred(self, depth: float, blur: float) -> Blurred:
-        """With a Gaussian whose σ is `blur` metres, `depth` metres away. What reading a picture raises is raised."""
+    def small(self) -> tuple[Camera, np.ndarray, np.ndarray]:
+        """Camera, image (h, w, 3) and matte (h, w), bytes, of `PHOTO_PIXELS` at most. What reading a picture raises is raised."""
         camera = reduced(self.camera, PHOTO_PIXELS)
         image, matte = (
             np.asarray(Image.fromarray(layer).resize((camera.width, camera.height), Image.Resampling.BOX))
             for layer in (self.image(), self.matte())
         )
+        return camera, image, matte
+
+    def blurred(self, depth: float, blur: float) -> Blurred:
+        """With a Gaussian whose σ is `blur` metres, `depth` metres away. What reading a picture raises is raised."""
+        camera, image, matte = self.small()
         sigma = max(blur * camera.intrinsics[0, 0] / depth, LEAST_BLUR)
         solid = (matte >= OPAQUE).astype(np.float32)
         whole = gaussian_filter(solid, sigma) + 1e-3
