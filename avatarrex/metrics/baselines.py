@@ -123,8 +123,7 @@ def fitted_meshes(capture: Capture, fitted: Person, seen: Sequence[Observation])
     """The textured template with the skin of `fitted`, or else one that is fitted here; that once more with finer texels where
     the cameras resolve them, and then with its face, too, where that was fitted. Raises `InputError` as fitting does.
     """
-    if fitted.fit is None or fitted.fit.surface is None:
-        fitted = fit_geometry(capture)
+    fitted = with_fitted_skin(capture, fitted)
     edge = resolved_edge(fitted, seen)
     skin = fitted.with_template_face
     found = [textured_mesh(skin, seen, FITTED)]
@@ -133,6 +132,11 @@ def fitted_meshes(capture: Capture, fitted: Person, seen: Sequence[Observation])
     if skin is not fitted:
         found.append(textured_mesh(fitted, seen, FACED, max(edge, EDGE)))
     return found
+
+
+def with_fitted_skin(capture: Capture, fitted: Person) -> Person:
+    """`fitted`, or where its skin was not, the captured person with a skin that is fitted here. Raises `InputError` as fitting does."""
+    return fit_geometry(capture) if fitted.fit is None or fitted.fit.surface is None else fitted
 
 
 def textured_mesh(

@@ -59,6 +59,8 @@ class PassOne:
     """N of γ(n)."""
     warm_steps: int
     """Steps that fit the geometry to the template before, from the packaged prior where it fits; 0 starts from scratch."""
+    prior: bool = True
+    """Whether that fit may begin with the packaged prior."""
     gamma_extra: float = 0.02
     """γ1, metres. With a warm start the surface is known to a centimetre: fog of two would wash it away first."""
     geometry_rate: float = 1.0
@@ -176,7 +178,7 @@ def _lasting(stage: Pass, steps: int, decay: float, **changes: Any) -> Pass:
 
 _PAPER_ONE = PassOne(
     steps=200_000, frames=4, rays=400, samples=64, rate=5e-4, decay=0.8, decay_steps=20_000, gamma_steps=100_000,
-    warm_steps=0, sampling="uniform", quadrature="point", weights=LossWeights(tone=0.0),
+    warm_steps=0, prior=False, sampling="uniform", quadrature="point", weights=LossWeights(tone=0.0),
 )  # fmt: skip
 _PAPER_TWO = PassTwo(
     steps=100_000, rate=1e-4, decay=0.8, decay_steps=20_000, patches=4, clamped=False, weights=LossWeights(tone=0.0)
@@ -186,7 +188,7 @@ PAPER = Recipe(
     evaluate=10_000, face=(_PAPER_ONE, _PAPER_TWO), body=(replace(_PAPER_ONE, steps=300_000), _PAPER_TWO),
 )  # fmt: skip
 """Line by line against the paper: tests/training/test_paper.py."""
-_PLUS_ONE: dict[str, Any] = {"sampling": "near", "quadrature": "interval", "weights": LossWeights()}
+_PLUS_ONE: dict[str, Any] = {"prior": True, "sampling": "near", "quadrature": "interval", "weights": LossWeights()}
 _PLUS_TWO = replace(_PAPER_TWO, clamped=True, weights=LossWeights())
 _DETAIL: dict[str, Any] = {"texel": 0.002, "texel_rate": 4.0, "slides": True, "rises": True, "view_dropout": 0.5}
 """Of the body: what its pictures show at once, and no colours of their own for cameras that were not there."""
@@ -258,7 +260,7 @@ def from_scratch(recipe: Recipe) -> Recipe:
     """
     face, body = (
         replace(
-            one, warm_steps=0, carved=False, still=0, texel=0.0, geometry_rate=1.0, gamma_extra=PassOne.gamma_extra,
+            one, warm_steps=0, prior=False, carved=False, still=0, texel=0.0, geometry_rate=1.0, gamma_extra=PassOne.gamma_extra,
             gamma_steps=max(one.gamma_steps, one.steps // 3), sampling="uniform", samples=max(one.samples, SCRATCH_SAMPLES),
             weights=replace(one.weights, skin=0.0),
         )

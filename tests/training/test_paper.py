@@ -70,6 +70,7 @@ LINES = (
     Line("sec. 5.1: one rate for all networks", 0, "geometry_rate", 1.0, 1.0),
     Line("sec. 5.1: all networks from the first step", 0, "still", 0, 0),
     Line("sec. 5.1: 'no prior knowledge', from scratch", 0, "warm_steps", 0, 0),
+    Line("sec. 5.1: 'no prior knowledge', from scratch", 0, "prior", False, False),
     Line("sec. 5.1: 'no prior knowledge', from scratch", 0, "carved", False, False),
     Line("the paper has no static texels", 0, "texel", 0.0, 0.0),
     Line("sec. 5.3: each part from its own rig", 0, "close", 0.0, 0.0),
@@ -193,7 +194,13 @@ def test_the_plus_is_ours_and_nothing_else() -> None:
     detail = {"texel": 0.002, "texel_rate": 4.0, "slides": True, "rises": True, "view_dropout": 0.5}
     for part, warm, own_one, own_two in (("face", 2000, {}, {}), ("body", 4000, {"carved": True}, detail)):
         (one, two), (plus_one, plus_two) = getattr(PAPER, part), getattr(PAPER_PLUS, part)
-        other = {"warm_steps": warm, "sampling": "near", "quadrature": "interval", "weights": LossWeights()}
+        other = {
+            "warm_steps": warm,
+            "prior": True,
+            "sampling": "near",
+            "quadrature": "interval",
+            "weights": LossWeights(),
+        }
         assert vars(plus_one) == vars(one) | other | own_one
         assert vars(plus_two) == vars(two) | {"clamped": True, "weights": LossWeights()} | own_two
 

@@ -22,6 +22,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from torch import nn
 
 from avatarrex.avatar_file import load_avatar
 from avatarrex.camera import Camera
@@ -30,6 +31,8 @@ from avatarrex.errors import InputError, check
 from avatarrex.measure.ablation.step_timing import step_timing
 from avatarrex.measure.ablation.variants import VARIANTS, Variant, recipe_of, scaled
 from avatarrex.measure.bench.contest import Times, timed
+from avatarrex.measure.rivals import timed_training
+from avatarrex.measure.rivals.kinds import make_rival
 from avatarrex.measure.volume_drawer import VolumeDrawer
 from avatarrex.metrics.baselines import rivals
 from avatarrex.metrics.drawing import AvatarDrawer, Drawer, Drawing
@@ -144,19 +147,34 @@ class Study:
 
     def _train(self, variant: Variant, seed: int) -> bool:
         """To the end of the run, from where it is; False where it was stopped."""
-        folder, recipe = self.run_folder(variant, seed), self.recipe(variant, seed)
+        folder = self.run_folder(variant, seed)
         exists = (folder / "run.json").exists()
         if exists and read_about(folder)["state"] == "finished":
             return True
-        config = {
-            "part": self.part, "preset": recipe.name, "capture": str(self.capture.path), "seed": seed, "variant": variant.name,
-            "steps": {self.part: recipe.steps()[self.part]}, "recipe": _plain(recipe), "held_out": self.about["held_out"],
-        }  # fmt: skip
-        run = Run.open(folder) if exists else Run.create(folder, config)
+        run = Run.open(folder) if exists else Run.create(folder, self._config(variant, seed))
         with run, self._effort_noted(variant, seed):
-            finished = Trainer(self.capture, recipe, run).train()
+            finished = self._learn(variant, seed, run)
             run.close("finished" if finished else "stopped")
         return finished
+
+    def _config(self, variant: Variant, seed: int) -> dict[str, Any]:
+        """What a run says of itself."""
+        config = {
+            "part": self.part, "preset": variant.name, "capture": str(self.capture.path), "seed": seed, "variant": variant.name,
+            "held_out": self.about["held_out"],
+        }  # fmt: skip
+        if variant.rival:
+            return config
+        recipe = self.recipe(variant, seed)
+        steps = {self.part: recipe.steps()[self.part]}
+        return {**config, "preset": recipe.name, "steps": steps, "recipe": _plain(recipe)}
+
+    def _learn(self, variant: Variant, seed: int, run: Run) -> bool:
+        """False where it was stopped."""
+        if not variant.rival:
+            return Trainer(self.capture, self.recipe(variant, seed), run).train()
+        seconds = self.effort(VARIANTS[variant.time_of], seed)["cpu_seconds"]
+        return timed_training.train(make_rival(variant.name, self.capture, self.part, seed), run, seconds, seed)
 
     @contextmanager
     def _effort_noted(self, variant: Variant, seed: int) -> Iterator[None]:
@@ -170,18 +188,27 @@ class Study:
 
     def _measure(self, variant: Variant, seed: int) -> dict[str, Any]:
         """All figures of a variant that was trained."""
-        folder, avatar = self.run_folder(variant, seed), load_avatar(self._avatar(variant, seed))
-        one, two = getattr(self.recipe(variant, seed), self.part)
+        drawer, networks, steps = self._trained(variant, seed)
+        folder, tag = self.run_folder(variant, seed), f"{self.part}/rate/samples_per_ray"
         return {
-            **self._evaluated([AvatarDrawer(avatar)], self._views(CAMERAS_MEASURED)),
+            **self._evaluated([drawer], self._views(CAMERAS_MEASURED)),
             "variant": variant.name,
             "seed": seed,
-            "steps": [one.steps, two.steps],
+            "steps": steps,
             **self.effort(variant, seed),
-            "parameters": sum(parameter.numel() for parameter in avatar.modules()[self.part].parameters()),
-            "samples_per_ray": _steady(folder, f"{self.part}/rate/samples_per_ray", one.steps),
+            "parameters": sum(parameter.numel() for parameter in networks.parameters()),
+            "samples_per_ray": None if variant.rival else _steady(folder, tag, steps[0]),
             "device": device(),
         }
+
+    def _trained(self, variant: Variant, seed: int) -> tuple[Drawer, nn.Module, list[int]]:
+        """Who draws what a finished run has learnt, its networks, and the steps of its passes."""
+        if variant.rival:
+            rival = make_rival(variant.name, self.capture, self.part, seed)
+            return rival, rival, [timed_training.read(rival, self.run_folder(variant, seed))]
+        avatar = load_avatar(self._avatar(variant, seed))
+        one, two = getattr(self.recipe(variant, seed), self.part)
+        return AvatarDrawer(avatar), avatar.modules()[self.part], [one.steps, two.steps]
 
     def _redraw(self, variant: Variant, seed: int) -> dict[str, Any]:
         """Another variant's avatar drawn by volume rendering, beside the deferred renderer on the same few pictures."""

@@ -10,6 +10,7 @@
     plain              no-pass-two without feature patches: the paper's baseline
     one-network        plain, geometry and colour in one local network per node
     uniform-64         no-pass-two on 64 uniform samples a ray, weighed as the paper does; -time: as long as no-pass-two
+    image-translation, canonical-nerf    no avatars: learned rivals, for as long as full took
 
 Schedules (learning rate, γ) are stretched with the steps they belong to.
 """
@@ -37,7 +38,7 @@ class Variant:
     networks: str = ""
     """Widths of the networks, beside those of the base recipe (fields/presets.py)."""
     prior: bool = True
-    """Whether the packaged prior knows its networks (`compact`)."""
+    """Whether it begins with the packaged prior, which knows the networks of `compact`."""
     passes: int = 2
     lengthened: bool = True
     """Whether one pass takes as many steps as two."""
@@ -47,6 +48,8 @@ class Variant:
     """Fields of pass II."""
     redraws: str = ""
     """Not trained: that variant's avatar, drawn by volume rendering."""
+    rival: bool = False
+    """Not an avatar: what measure/rivals has of this name, trained for the processor time of `time_of`."""
     timing_of: str = ""
     time_of: str = ""
     """As many steps as take the processor time of `time_of` at the step timing of `timing_of`, both measured."""
@@ -59,10 +62,10 @@ class Variant:
 
 KNOWN_PRESET = "compact"
 """Networks that have a packaged prior."""
-UNKNOWN = {"geometry_rate": 1.0, "still": 0, "rate": 4e-3}
-"""Pass I where the prior does not know the networks: geometry is found with the colours."""
+UNKNOWN = {"prior": False, "geometry_rate": 1.0, "still": 0, "rate": 4e-3}
+"""Pass I without the prior: geometry is found with the colours."""
 UNKNOWN_WARM = 5
-"""Times the warm start of those that it knows."""
+"""Times the warm start with it."""
 NO_DETAIL = {"texel": 0.0, "view_dropout": 0.0}
 UNIFORM = {"sampling": "uniform", "samples": 64, "quadrature": "point"}
 VARIANTS = {
@@ -79,9 +82,13 @@ VARIANTS = {
         Variant("no-relief", "both passes, the surface as pass I leaves it", ("body",), two={"rises": False}),
         Variant("no-outgrowth", "both passes, nothing stands off the template by more than cloth", ("body",), one={"carved": False}),
         Variant("no-perceptual", "both passes, squared error alone", two={"weights": LossWeights(perceptual=0.0)}),
+        Variant("full-no-prior", "full without the packaged prior", ("face",), prior=False),
         Variant(
             "face-mlp", "both passes, an MLP on the face's coefficients in place of tri-planes; no prior", ("face",),
             "face-mlp", prior=False,
+        ),
+        Variant(
+            "plain-no-prior", "plain without the packaged prior", ("body",), "no-patches", prior=False, passes=1
         ),
         Variant(
             "one-network", "pass I alone, geometry and colour in one local network, no patches; no prior", ("body",),
@@ -93,6 +100,14 @@ VARIANTS = {
             "uniform-64-time", "pass I alone on 64 uniform samples, as long as no-pass-two", passes=1, one=UNIFORM,
             timing_of="uniform-64", time_of="no-pass-two",
         ),
+        Variant(
+            "image-translation", "a U-Net on the fitted textured mesh's picture, as long as full", ("body",),
+            rival=True, time_of="full",
+        ),
+        Variant(
+            "canonical-nerf", "one MLP at the fitted skin's rest pose, volume rendered, as long as full", ("body",),
+            rival=True, time_of="full",
+        ),
     )
 }  # fmt: skip
 """In the order of tables."""
@@ -100,7 +115,8 @@ QUESTIONS = (
     ("feature patches, one pass", "no-pass-two", "plain"),
     ("feature patches, two passes", "full", "no-patches"),
     ("feature patches, pass I of two", "pass-one", "plain-one"),
-    ("tri-planes against an MLP on coefficients", "full", "face-mlp"),
+    ("tri-planes against an MLP on coefficients, both without the prior", "full-no-prior", "face-mlp"),
+    ("tri-planes and prior against an MLP on coefficients", "full", "face-mlp"),
     ("pass II after pass I", "full", "pass-one"),
     ("pass II against as many steps of pass I", "full", "no-pass-two"),
     ("static texels, registration and view dropout", "full", "no-detail"),
@@ -108,10 +124,13 @@ QUESTIONS = (
     ("relief", "full", "no-relief"),
     ("outgrowths", "full", "no-outgrowth"),
     ("perceptual term", "full", "no-perceptual"),
-    ("separate networks against one", "plain", "one-network"),
+    ("separate networks against one, both without the prior", "plain-no-prior", "one-network"),
+    ("separate networks and prior against one network", "plain", "one-network"),
     ("surface against volume rendering, test time", "full", "volume-test-time"),
     ("near samples against 64 uniform, same steps", "no-pass-two", "uniform-64"),
     ("near samples against 64 uniform, same time", "no-pass-two", "uniform-64-time"),
+    ("avatar against image translation", "full", "image-translation"),
+    ("avatar against a canonical NeRF", "full", "canonical-nerf"),
 )
 """Each with the two variants: the difference of their figures answers it."""
 

@@ -27,7 +27,7 @@ def prior(avatar: Avatar, recipe: Recipe, parts: tuple[str, ...], start: Avatar 
     if start is not None:
         return {}
     about = read_prior(PRIOR)[1]
-    begun = [part for part in parts if getattr(recipe, part)[0].warm_steps]
+    begun = [part for part in parts if (one := getattr(recipe, part)[0]).warm_steps and one.prior]
     return {name: about[name] for part in begun for name in PARTS[part] if prior_of(avatar, name) is not None}
 
 

@@ -181,11 +181,12 @@ class Trainer:
         elif self.recipe.body[0].carved and "body" in self.parts:
             self.avatar.body.outgrowth = carve(self.avatar, self.capture.rigs["body"])
         for part in ("body", "face"):
-            steps = getattr(self.recipe, part)[0].warm_steps
+            one = getattr(self.recipe, part)[0]
+            steps = one.warm_steps
             steps *= OUTGROWTH_WARM if part == "body" and self.avatar.body.outgrowth is not None else 1
             if steps and part not in self.hidden:
                 rig = self.capture.rigs.get(part) or self.capture.rigs[self.parts[0]]
-                error = warm_start(self.avatar, training_signals(rig), part, steps, self.seed)
+                error = warm_start(self.avatar, training_signals(rig), part, steps, self.seed, one.prior)
                 self.run.scalars(0, {f"{part}/warm_start/error_mm": 1e3 * error})
 
     def _clamp_codes(self, rig: Rig, stage: PassOne | PassTwo) -> None:

@@ -130,13 +130,13 @@ def clear_space(avatar: Avatar) -> None:
     last.fill_(CLEAR / SDF_UNIT)
 
 
-def warm_start(avatar: Avatar, poses: Sequence[Signals], part: str, steps: int, seed: int) -> float:
+def warm_start(avatar: Avatar, poses: Sequence[Signals], part: str, steps: int, seed: int, prior: bool = True) -> float:
     """Load what is known of `body` or `face` and fit its geometry for `steps` steps on some of the training's poses.
 
-    Returns the mean error of the last tenth, metres.
+    Without `prior` nothing is known. Returns the mean error of the last tenth, metres.
     """
-    rate = KNOWN_RATE if load_prior(avatar, part) else RATE
-    if part == "face":
+    rate = KNOWN_RATE if prior and load_prior(avatar, part) else RATE
+    if prior and part == "face":
         load_prior(avatar, "face_colour")
     frames = sorted(set(np.linspace(0, len(poses) - 1, WARM_FRAMES).round().astype(int).tolist()))
     rng = np.random.default_rng([seed, 17])

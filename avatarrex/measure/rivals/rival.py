@@ -1,0 +1,33 @@
+"""A learned rival of the avatar: another way to draw a captured person, learnt from the same pictures around the same fit.
+
+A rival begins where an avatar's training begins: `person_fit`, the template whose skin (and face) were fitted to the capture,
+and the pictures of the training's split of one rig. It learns for as long as an avatar did (timed_training.py).
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+
+import numpy as np
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from avatarrex.camera import Camera
+from avatarrex.metrics.drawing import Drawing
+from avatarrex.signals.driving import Signals
+
+
+class Rival(nn.Module):
+    """Networks that are learnt by `loss` and drawn by `draw`, which makes it a `Drawer`."""
+
+    name: str
+    rate: float
+    """Adam's, at the beginning."""
+
+    @abstractmethod
+    def loss(self, rng: np.random.Generator, progress: float) -> Float[Tensor, ""]:
+        """Of one random batch; `progress` from 0 to 1 is the share of the training's time that is over."""
+
+    @abstractmethod
+    def draw(self, signals: Signals, camera: Camera) -> Drawing:
+        """See `Drawer`."""

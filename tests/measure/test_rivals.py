@@ -1,0 +1,181 @@
+"""Learned rivals: they begin at the fitted mesh, learn from the training's split alone, and a stopped one goes on."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from capture.tiny_capture import TinyCapture
+from tiny_recipe import TINY
+
+from avatarrex.capture.readers.rigs import Capture, open_capture
+from avatarrex.capture.readers.splits import Sealed
+from avatarrex.errors import InputError
+from avatarrex.measure.ablation.report import answers, rows, table
+from avatarrex.measure.ablation.study import Study
+from avatarrex.measure.ablation.variants import VARIANTS, chosen_variants
+from avatarrex.measure.rivals import image_translation, timed_training
+from avatarrex.measure.rivals.canonical_nerf import CanonicalNerf, PosedSkin
+from avatarrex.measure.rivals.image_translation import ImageTranslation
+from avatarrex.measure.rivals.kinds import make_rival
+from avatarrex.metrics.baselines import FITTED, textured_mesh, with_fitted_skin
+from avatarrex.metrics.evaluate import observations
+from avatarrex.signals.driving import Signals
+from avatarrex.templates.person import load_person
+from avatarrex.training.runs.folder import Run
+
+HELD_OUT = 2
+"""The frame that no rival may read."""
+SECONDS = 4.0
+
+
+@pytest.fixture(scope="module")
+def capture(tmp_path_factory) -> Capture:
+    opened = open_capture(TinyCapture.make().folder(tmp_path_factory.mktemp("tiny") / "capture"))
+    opened = replace(opened, rigs={name: rig.holding_out((HELD_OUT,), ()) for name, rig in opened.rigs.items()})
+    return replace(opened, person=with_fitted_skin(opened, opened.person))
+
+
+@pytest.fixture
+def translation(capture, monkeypatch) -> ImageTranslation:
+    monkeypatch.setattr(image_translation, "CROP", 48)
+    rig = capture.rigs["body"]
+    return ImageTranslation(textured_mesh(capture.person, list(observations(rig)), FITTED), rig)
+
+
+def learn(rival, steps: int) -> None:
+    optimiser = torch.optim.Adam(rival.parameters(), rival.rate)
+    for step in range(steps):
+        optimiser.zero_grad()
+        rival.loss(np.random.default_rng(step), step / steps).backward()
+        optimiser.step()
+
+
+def error(rival, rig, frame: int, view: int) -> float:
+    image = rival.draw(rig.signals[frame], rig.views[view].camera).image
+    truth = torch.from_numpy(rig.image(view, frame) / np.float32(255))
+    matte = torch.from_numpy(rig.matte(view, frame) / np.float32(255))[..., None]
+    return float((image[..., :3] - truth * matte).square().mean())
+
+
+def test_an_untrained_translation_is_the_mesh(capture, translation):
+    rig = capture.rigs["body"]
+    drawn, mesh = (one.draw(rig.signals[0], rig.views[0].camera).image for one in (translation, translation._mesh))
+    torch.testing.assert_close(drawn, mesh, atol=1e-5, rtol=0)
+
+
+def test_a_translation_learns_what_the_mesh_has_wrong(capture, translation):
+    """Colours that are half as bright as the pictures'."""
+    rig = capture.rigs["body"]
+    translation._mesh.texels = translation._mesh.texels / 2
+    before = error(translation, rig, HELD_OUT, 0)
+    learn(translation, 60)
+    assert error(translation, rig, HELD_OUT, 0) < 0.3 * before
+
+
+def test_depth_and_normals_are_those_of_the_camera(capture, translation):
+    """Metres before the mean depth; what faces the camera looks along −z."""
+    rig = capture.rigs["body"]
+    camera = rig.views[1].camera
+    drawn = translation._mesh.draw(rig.signals[0], camera)
+    layers, hit = image_translation.shown(drawn, camera), torch.from_numpy(drawn.hit)
+    depth = camera.pixels(drawn.position[drawn.hit].astype(np.float64), nearest=1e-3)[1]
+    np.testing.assert_allclose(layers[4][hit], depth.mean() - depth, atol=1e-4)
+    assert layers[7][hit].mean() < -0.5
+    torch.testing.assert_close(layers[5:][:, hit].norm(dim=0), torch.ones(int(hit.sum())), atol=1e-4, rtol=0)
+
+
+def test_a_posed_skin_leads_back_to_rest():
+    person = load_person()
+    bent = Signals.rest()
+    pose = np.zeros((21, 3))
+    pose[17, 1], pose[3, 0] = -1.2, 0.9
+    skin = PosedSkin.of(person, bent.replace(body_pose=pose, global_orient=np.array([0.3, 1.0, 0.1])))
+    assert (skin.vertices - person.body.v_template).norm(dim=1).max() > 0.2
+    rest, distance = skin.at_rest(skin.vertices)
+    assert (rest - person.body.v_template).norm(dim=1).quantile(0.95) < 0.002
+    assert distance.abs().max() < 1e-4
+    outside = skin.at_rest(skin.vertices + 0.01 * torch.from_numpy(skin.distance.normals).float())[1]
+    assert outside.median() == pytest.approx(0.01, abs=0.001)
+
+
+def test_an_untrained_nerf_has_the_skin_as_its_surface(capture):
+    rig = capture.rigs["body"]
+    nerf = CanonicalNerf(capture.person, rig)
+    for view in range(3):
+        drawn, matte = nerf.draw(rig.signals[1], rig.views[view].camera), rig.matte(view, 1) > 127
+        assert (drawn.hit & matte).sum() > 0.9 * (drawn.hit | matte).sum()
+
+
+def test_a_nerf_learns_colours_and_a_frame_it_was_not_shown(capture):
+    rig = capture.rigs["body"]
+    nerf = make_rival("canonical-nerf", capture, "body", 0)
+    before = error(nerf, rig, HELD_OUT, 0)
+    learn(nerf, 60)
+    assert error(nerf, rig, HELD_OUT, 0) < 0.4 * before
+
+
+@pytest.mark.parametrize("name", ["image-translation", "canonical-nerf"])
+def test_rivals_see_the_training_alone(capture, name):
+    rival = make_rival(name, capture, "body", 0)
+    assert {frame for frame, _ in rival._pairs} == {0, 1}
+    with pytest.raises(InputError, match="an image with its matte"):
+        rival._rig.image(0, HELD_OUT)
+    with pytest.raises(Sealed):
+        assert rival._rig.signals[HELD_OUT].body_pose is not None
+
+
+def test_an_unknown_rival_is_refused(capture):
+    with pytest.raises(ValueError, match="no rival is called gan"):
+        make_rival("gan", capture, "body", 0)
+
+
+def test_a_stopped_training_goes_on(capture, tmp_path, monkeypatch):
+    wishes = iter(["run"] * 3 + ["stop"])
+    monkeypatch.setattr("avatarrex.training.runs.folder.Run.control", lambda self: next(wishes))
+    nerf = make_rival("canonical-nerf", capture, "body", 0)
+    with Run.create(tmp_path / "run", {"part": "body"}) as run:
+        assert not timed_training.train(nerf, run, SECONDS, 0)
+        run.close("stopped")
+    monkeypatch.undo()
+    kept = make_rival("canonical-nerf", capture, "body", 1)
+    assert timed_training.read(kept, tmp_path / "run") == 3
+    assert all(torch.equal(a, b) for a, b in zip(kept.parameters(), nerf.parameters()))
+    with Run.open(tmp_path / "run") as run:
+        found = run.latest()
+        assert found is not None
+        before = found[1]["seconds"]
+        assert timed_training.train(make_rival("canonical-nerf", capture, "body", 2), run, before + 1.0, 0)
+    again = Run.open(tmp_path / "run")
+    step, state = again.latest()
+    again.close()
+    assert step > 3
+    assert state["seconds"] >= before + 1.0
+    with pytest.raises(InputError, match="checkpoints: expected one that is whole"):
+        timed_training.read(kept, tmp_path)
+
+
+@pytest.mark.slow
+def test_rivals_stand_beside_the_avatar_in_a_study(capture, tmp_path, monkeypatch):
+    monkeypatch.setattr("avatarrex.measure.ablation.study.CAMERAS_MEASURED", 1)
+    monkeypatch.setattr("avatarrex.training.core.held_out.PICTURES", 1)
+    study = Study(tmp_path, capture, "body", TINY)
+    names = ("canonical-nerf", "image-translation")
+    for name in names:
+        found = study.finish(VARIANTS[name], 0)
+        assert found is not None
+        assert found["cpu_seconds"] >= study.effort(VARIANTS["full"], 0)["cpu_seconds"]
+        assert found["parameters"] > 10_000
+        assert found["steps"][0] > 0
+    variants = chosen_variants(names, "body")
+    assert {variant.name for variant in variants} == {"full", *names}
+    made = rows(study, variants, [0])
+    assert {"full", *names} <= {row.name for row in made}
+    questions = {answer.question for answer in answers(made)}
+    assert {"avatar against image translation", "avatar against a canonical NeRF"} <= questions
+    assert "nan" not in table(study, made)
+    monkeypatch.setattr("avatarrex.measure.ablation.study.timed_training.train", None)
+    again = Study(tmp_path, capture, "body", TINY)
+    assert all(again.finish(VARIANTS[name], 0) is not None for name in names)
