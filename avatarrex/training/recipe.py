@@ -159,8 +159,12 @@ class Recipe:
 
 
 def _weighted(stage: dict[str, Any]) -> dict[str, Any]:
-    """A stored pass with its table of weights; before version 0.2 they were factors on the paper's, beside the other fields."""
+    """A stored pass with its table of weights; before version 0.2 they were factors on the paper's, beside the other fields.
+
+    Passes I of before `prior` began with it wherever they had a warm start."""
     rest = dict(stage)
+    if "warm_steps" in rest:
+        rest.setdefault("prior", rest["warm_steps"] > 0)
     if "weights" in rest:
         return {**rest, "weights": LossWeights(**rest["weights"])}
     weights = LossWeights(

@@ -10,6 +10,8 @@ import torch
 from capture.tiny_capture import TinyCapture
 from tiny_recipe import TINY
 
+from avatarrex.camera import Camera
+from avatarrex.capture.readers.images_store import Pictures
 from avatarrex.capture.readers.rigs import Capture, open_capture
 from avatarrex.capture.readers.splits import Sealed
 from avatarrex.errors import InputError
@@ -22,6 +24,7 @@ from avatarrex.measure.rivals.image_translation import ImageTranslation
 from avatarrex.measure.rivals.kinds import make_rival
 from avatarrex.metrics.baselines import FITTED, textured_mesh, with_fitted_skin
 from avatarrex.metrics.evaluate import observations
+from avatarrex.ops.rotation import matrix_from_rotvec
 from avatarrex.signals.driving import Signals
 from avatarrex.templates.person import load_person
 from avatarrex.training.runs.folder import Run
@@ -42,7 +45,21 @@ def capture(tmp_path_factory) -> Capture:
 def translation(capture, monkeypatch) -> ImageTranslation:
     monkeypatch.setattr(image_translation, "CROP", 48)
     rig = capture.rigs["body"]
-    return ImageTranslation(textured_mesh(capture.person, list(observations(rig)), FITTED), rig)
+    return ImageTranslation(textured_mesh(capture.person, list(observations(rig)), FITTED), rig, "root")
+
+
+class Changed(Pictures):
+    """Pictures of which those of the held-out frame are inverted."""
+
+    def __init__(self, own: Pictures) -> None:
+        self.own = own
+
+    def get(self, kind: str, view: int, frame: int) -> np.ndarray:
+        picture = self.own.get(kind, view, frame)
+        return 255 - picture if (kind, frame) == ("image", HELD_OUT) else picture
+
+    def check_size(self, view: int, frame: int) -> None:
+        self.own.check_size(view, frame)
 
 
 def learn(rival, steps: int) -> None:
@@ -76,15 +93,29 @@ def test_a_translation_learns_what_the_mesh_has_wrong(capture, translation):
 
 
 def test_depth_and_normals_are_those_of_the_camera(capture, translation):
-    """Metres before the mean depth; what faces the camera looks along −z."""
+    """Metres before the mean depth; what faces the camera looks along −z, and a chest forwards whichever way its owner turns."""
     rig = capture.rigs["body"]
-    camera = rig.views[1].camera
-    drawn = translation._mesh.draw(rig.signals[0], camera)
-    layers, hit = image_translation.shown(drawn, camera), torch.from_numpy(drawn.hit)
+    camera, signals = rig.views[1].camera, rig.signals[0].replace(global_orient=np.array([0, 1.3, 0]))
+    drawn = translation._mesh.draw(signals, camera)
+    layers, hit = translation._shown(drawn, signals, camera), torch.from_numpy(drawn.hit)
     depth = camera.pixels(drawn.position[drawn.hit].astype(np.float64), nearest=1e-3)[1]
     np.testing.assert_allclose(layers[4][hit], depth.mean() - depth, atol=1e-4)
     assert layers[7][hit].mean() < -0.5
-    torch.testing.assert_close(layers[5:][:, hit].norm(dim=0), torch.ones(int(hit.sum())), atol=1e-4, rtol=0)
+    own = torch.from_numpy(drawn.normal @ matrix_from_rotvec(torch.tensor([0, 1.3, 0.0]).double()).numpy()).float()
+    torch.testing.assert_close(layers[8:].permute(1, 2, 0), own, atol=1e-5, rtol=0)
+
+
+def test_crops_reach_the_rim_as_often_as_the_middle(translation):
+    """Zero beyond the example; its topmost row is in as many crops as any other."""
+    rows = []
+    for seed in range(300):
+        crop = translation._crop(np.random.default_rng(seed))
+        assert crop.shown.shape[1:] == crop.truth.shape[1:] == (48, 48)
+        rows.append((crop.truth[3] > 0.5).any(1))
+    example = translation._example(*translation._pairs[0])
+    assert torch.stack(rows).float().mean(0).std() < 0.1
+    assert torch.stack(rows).float().mean() > 0.2
+    assert len(example.truth[0]) > 48
 
 
 def test_a_posed_skin_leads_back_to_rest():
@@ -109,6 +140,37 @@ def test_an_untrained_nerf_has_the_skin_as_its_surface(capture):
         assert (drawn.hit & matte).sum() > 0.9 * (drawn.hit | matte).sum()
 
 
+def test_samples_follow_the_learnt_surface(capture):
+    """Two centimetres off the skin, out and in: depth is where the surface is, and rays are stopped."""
+    rig = capture.rigs["body"]
+    nerf, camera = CanonicalNerf(capture.person, rig), rig.views[0].camera
+    depths = []
+    for off in (-0.02, 0.0, 0.02):
+        torch.nn.init.constant_(nerf.offset.bias, off / 0.01)
+        drawn = nerf.draw(rig.signals[0], camera)
+        away = np.linalg.norm(drawn.position - camera.centre, axis=-1)
+        depths.append(np.where(drawn.hit, away, np.nan))
+        assert drawn.image[..., 3][torch.from_numpy(drawn.hit)].median() > 0.99
+    assert np.nanmedian(depths[1] - depths[0]) == pytest.approx(0.02, abs=0.006)
+    assert np.nanmedian(depths[2] - depths[1]) == pytest.approx(0.02, abs=0.006)
+
+
+def test_rays_that_see_nothing_teach_nothing(capture, tmp_path):
+    """A camera that looks away: the training goes on, its networks as they were."""
+    rig = capture.rigs["body"]
+    aside = replace(rig.views[0], camera=Camera.orbit(0, 0, 3.0, 50, (0.2, 60.0, -0.1), 60, 80))
+    nerf = CanonicalNerf(capture.person, replace(rig, views=(aside, aside, aside)))
+    before = [values.clone() for values in nerf.parameters()]
+    loss = nerf.loss(np.random.default_rng(0), 0.9)
+    assert loss.isfinite()
+    if loss.requires_grad:
+        loss.backward()
+        assert all(values.grad is None or not values.grad.any() for values in nerf.parameters())
+    with Run.create(tmp_path / "run", {"part": "body"}) as run:
+        assert timed_training.train(nerf, run, 0.2, 0)
+    assert all(torch.equal(a, b) for a, b in zip(before, nerf.parameters()))
+
+
 def test_a_nerf_learns_colours_and_a_frame_it_was_not_shown(capture):
     rig = capture.rigs["body"]
     nerf = make_rival("canonical-nerf", capture, "body", 0)
@@ -118,13 +180,23 @@ def test_a_nerf_learns_colours_and_a_frame_it_was_not_shown(capture):
 
 
 @pytest.mark.parametrize("name", ["image-translation", "canonical-nerf"])
-def test_rivals_see_the_training_alone(capture, name):
-    rival = make_rival(name, capture, "body", 0)
-    assert {frame for frame, _ in rival._pairs} == {0, 1}
-    with pytest.raises(InputError, match="an image with its matte"):
-        rival._rig.image(0, HELD_OUT)
-    with pytest.raises(Sealed):
-        assert rival._rig.signals[HELD_OUT].body_pose is not None
+def test_rivals_see_the_training_alone(capture, name, monkeypatch):
+    """Another picture in the held-out frame changes nothing of what is learnt."""
+    monkeypatch.setattr(image_translation, "CROP", 48)
+    losses = []
+    for changed in (False, True):
+        rigs = {
+            key: replace(rig, pictures=Changed(rig.pictures)) if changed else rig for key, rig in capture.rigs.items()
+        }
+        rival = make_rival(name, replace(capture, rigs=rigs), "body", 0)
+        learn(rival, 2)
+        losses.append([rival.loss(np.random.default_rng(seed), 0.5).item() for seed in range(4)])
+    assert losses[0] == losses[1]
+    for rig in [rival._rig] if name == "image-translation" else [rig for rig, _ in rival._rigs]:
+        with pytest.raises(InputError, match="an image with its matte"):
+            rig.image(0, HELD_OUT)
+        with pytest.raises(Sealed):
+            assert rig.signals[HELD_OUT].body_pose is not None
 
 
 def test_an_unknown_rival_is_refused(capture):
@@ -141,7 +213,7 @@ def test_a_stopped_training_goes_on(capture, tmp_path, monkeypatch):
         run.close("stopped")
     monkeypatch.undo()
     kept = make_rival("canonical-nerf", capture, "body", 1)
-    assert timed_training.read(kept, tmp_path / "run") == 3
+    assert timed_training.read(kept, tmp_path / "run")[1] == 3
     assert all(torch.equal(a, b) for a, b in zip(kept.parameters(), nerf.parameters()))
     with Run.open(tmp_path / "run") as run:
         found = run.latest()
@@ -166,7 +238,8 @@ def test_rivals_stand_beside_the_avatar_in_a_study(capture, tmp_path, monkeypatc
     for name in names:
         found = study.finish(VARIANTS[name], 0)
         assert found is not None
-        assert found["cpu_seconds"] >= study.effort(VARIANTS["full"], 0)["cpu_seconds"]
+        folder, rival = study.run_folder(VARIANTS[name], 0), make_rival(name, capture, "body", 0)
+        assert timed_training.read(rival, folder)[0] >= study.effort(VARIANTS["full"], 0)["cpu_seconds"]
         assert found["parameters"] > 10_000
         assert found["steps"][0] > 0
     variants = chosen_variants(names, "body")

@@ -205,7 +205,7 @@ class Study:
         """Who draws what a finished run has learnt, its networks, and the steps of its passes."""
         if variant.rival:
             rival = make_rival(variant.name, self.capture, self.part, seed)
-            return rival, rival, [timed_training.read(rival, self.run_folder(variant, seed))]
+            return rival, rival, [timed_training.read(rival, self.run_folder(variant, seed))[1]]
         avatar = load_avatar(self._avatar(variant, seed))
         one, two = getattr(self.recipe(variant, seed), self.part)
         return AvatarDrawer(avatar), avatar.modules()[self.part], [one.steps, two.steps]
@@ -278,7 +278,7 @@ class Timed:
 
 def device() -> str:
     """What it ran on."""
-    return f"{platform.machine()} CPU, {torch.get_num_threads()} threads"
+    return f"{platform.machine()} CPU, {torch.get_num_threads()} threads, torch {torch.__version__}"
 
 
 def _steady(folder: Path, tag: str, steps: int) -> float | None:

@@ -82,13 +82,13 @@ VARIANTS = {
         Variant("no-relief", "both passes, the surface as pass I leaves it", ("body",), two={"rises": False}),
         Variant("no-outgrowth", "both passes, nothing stands off the template by more than cloth", ("body",), one={"carved": False}),
         Variant("no-perceptual", "both passes, squared error alone", two={"weights": LossWeights(perceptual=0.0)}),
-        Variant("full-no-prior", "full without the packaged prior", ("face",), prior=False),
+        Variant("full-no-prior", "full without the packaged prior, started as face-mlp", ("face",), prior=False),
         Variant(
             "face-mlp", "both passes, an MLP on the face's coefficients in place of tri-planes; no prior", ("face",),
             "face-mlp", prior=False,
         ),
         Variant(
-            "plain-no-prior", "plain without the packaged prior", ("body",), "no-patches", prior=False, passes=1
+            "plain-no-prior", "plain without the packaged prior, started as one-network", ("body",), "no-patches", prior=False, passes=1
         ),
         Variant(
             "one-network", "pass I alone, geometry and colour in one local network, no patches; no prior", ("body",),

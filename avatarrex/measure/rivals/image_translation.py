@@ -1,13 +1,14 @@
 """Image translation: a U-Net turns the picture of the fitted textured mesh into a photograph (after SMPLpix, Prokudin et al. 2021).
 
 What it is shown of a pixel is what the mesh has there: colours of the finest texels that the cameras resolve, coverage, depth before
-the person's middle, normal in the camera's frame. What it gives is added to those colours and that coverage, so that
-untrained it is the mesh. Letters: h w pixels, b batch, c channels. Colours sRGB-encoded in [0, 1].
+the mean depth of the mesh, normals in the camera's frame and in that in which the light is fixed. What it gives is added to those
+colours and that coverage, so that untrained it is the mesh. Letters: h w pixels, b batch, c channels. Colours sRGB-encoded in [0, 1].
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import torch
@@ -21,18 +22,21 @@ from avatarrex.fields.unet import UNet
 from avatarrex.measure.rivals.rival import Rival
 from avatarrex.metrics.baselines import MeshDrawer
 from avatarrex.metrics.drawing import Drawing, over_black
-from avatarrex.metrics.image import ms_ssim
+from avatarrex.metrics.perceptual import Perceptual
+from avatarrex.ops.rotation import matrix_from_rotvec
 from avatarrex.signals.driving import Signals
 from avatarrex.training.core.pixels import training_pairs
 
-CHANNELS = 8
-"""Three of colour, coverage, depth, three of the normal."""
+CHANNELS = 11
+"""Three of colour, coverage, depth, three each of the normal in two frames."""
 LEVELS = (16, 32, 64, 96, 128)
 CROP, BATCH = 128, 4
 MARGIN = 24
 """Pixels about the mesh in which it may be wrong."""
+KEPT_PIXELS = 200_000_000
+"""Of pictures of the training whose examples are kept, 2 GiB or so; others are drawn anew."""
 MATTE, PERCEPTUAL = 0.5, 0.1
-"""Weights of the coverage's error and of 1 − MS-SSIM, beside that of colours."""
+"""Weights of the coverage's error and of the perceptual term, beside that of colours."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,24 +49,26 @@ class Example:
 
 
 class ImageTranslation(Rival):
-    """Beside `mesh`, from the pictures of `rig` that a training reads."""
+    """Beside `mesh`, from the pictures of `rig` that a training reads; the light is fixed in the `world` or in the `root` frame."""
 
     name, rate = "image translation", 1e-3
 
-    def __init__(self, mesh: MeshDrawer, rig: Rig) -> None:
+    def __init__(self, mesh: MeshDrawer, rig: Rig, light_frame: str) -> None:
         super().__init__()
-        self._mesh, self._rig, self._pairs = mesh, rig, training_pairs(rig)
-        self._known: dict[tuple[int, int], Example] = {}
+        self._mesh, self._rig, self._pairs, self._light_frame = mesh, rig, training_pairs(rig), light_frame
+        largest = max(rig.views[view].camera.width * rig.views[view].camera.height for _, view in self._pairs)
+        self._example = lru_cache(max(KEPT_PIXELS // largest, BATCH))(self._drawn)
+        self._perceptual = (Perceptual.load(),)  # in a tuple: no module of ours
         self.network = UNet(CHANNELS, LEVELS, 4)
         for values in self.network.out.parameters():
             torch.nn.init.zeros_(values)
 
     def loss(self, rng: np.random.Generator, progress: float) -> Float[Tensor, ""]:
-        """Absolute errors of premultiplied colour and coverage, and 1 − MS-SSIM, of crops of one picture each."""
+        """Absolute errors of premultiplied colour and coverage, and the perceptual term of pass II, of crops of one picture each."""
         crops = [self._crop(rng) for _ in range(BATCH)]
         drawn = self(torch.stack([crop.shown for crop in crops]))
         truth = torch.stack([crop.truth for crop in crops])
-        unlike = 1 - ms_ssim(drawn[:, :3], truth[:, :3]).mean()
+        unlike = self._perceptual[0].distance(drawn[:, :3], truth[:, :3]).mean()
         colour, matte = (l1_loss(drawn[:, part], truth[:, part]) for part in (slice(3), 3))
         return colour + MATTE * matte + PERCEPTUAL * unlike
 
@@ -78,38 +84,47 @@ class ImageTranslation(Rival):
     def draw(self, signals: Signals, camera: Camera) -> Drawing:
         """The translated picture; surface of the mesh."""
         drawn = self._mesh.draw(signals, camera)
-        image = self(shown(drawn, camera)[None])[0].permute(1, 2, 0).clamp(0, 1).contiguous()
+        image = self(self._shown(drawn, signals, camera)[None])[0].permute(1, 2, 0).clamp(0, 1).contiguous()
         return Drawing(image, drawn.position, drawn.normal, drawn.hit)
 
     def _crop(self, rng: np.random.Generator) -> Example:
+        """`CROP`² pixels about any pixel of an example; black where they reach beyond it."""
         example = self._example(*self._pairs[rng.integers(len(self._pairs))])
         height, width = example.truth.shape[1:]
-        y, x = (int(rng.integers(max(side - CROP, 0) + 1)) for side in (height, width))
-        cut, fill = np.s_[:, y : y + CROP, x : x + CROP], (0, max(CROP - width, 0), 0, max(CROP - height, 0))
+        y, x = (int(rng.integers(side)) - CROP // 2 for side in (height, width))
+        cut = np.s_[:, max(y, 0) : y + CROP, max(x, 0) : x + CROP]
+        fill = (max(-x, 0), max(x + CROP - width, 0), max(-y, 0), max(y + CROP - height, 0))
         return Example(pad(example.shown[cut].float(), fill), pad(example.truth[cut].float(), fill))
 
-    def _example(self, frame: int, view: int) -> Example:
-        """Drawn at its first use; kept in half precision."""
-        if (frame, view) not in self._known:
-            camera = self._rig.views[view].camera
-            truth = over_black(self._rig.image(view, frame), self._rig.matte(view, frame), camera.width, camera.height)
-            shows = shown(self._mesh.draw(self._rig.signals[frame], camera), camera)
-            layers = torch.cat([truth.image, truth.matte[..., None]], -1).permute(2, 0, 1)
-            y, x = (_span(shows[3].amax(axis) > 0) for axis in (1, 0))
-            self._known[frame, view] = Example(shows[:, y, x].half(), layers[:, y, x].half())
-        return self._known[frame, view]
+    def _drawn(self, frame: int, view: int) -> Example:
+        """In half precision."""
+        signals, camera = self._rig.signals[frame], self._rig.views[view].camera
+        truth = over_black(self._rig.image(view, frame), self._rig.matte(view, frame), camera.width, camera.height)
+        shows = self._shown(self._mesh.draw(signals, camera), signals, camera)
+        layers = torch.cat([truth.image, truth.matte[..., None]], -1).permute(2, 0, 1)
+        y, x = (_span(shows[3].amax(axis) > 0) for axis in (1, 0))
+        return Example(shows[:, y, x].half(), layers[:, y, x].half())
+
+    def _shown(self, drawn: Drawing, signals: Signals, camera: Camera) -> Float[Tensor, "c h w"]:
+        turn = np.eye(3) if self._light_frame == "world" else _root_from_world(signals)
+        return shown(drawn, camera, turn)
 
 
-def shown(drawn: Drawing, camera: Camera) -> Float[Tensor, "c h w"]:
-    """What a U-Net sees of a mesh: straight colour, coverage, metres before the mesh's mean depth, normal in the camera's frame."""
+def shown(drawn: Drawing, camera: Camera, light_from_world: Float[np.ndarray, "3 3"]) -> Float[Tensor, "c h w"]:
+    """What the U-Net sees of a mesh: straight colour, coverage, metres before the mesh's mean depth, normals in both frames."""
     image, hit = drawn.image, torch.from_numpy(drawn.hit)
     rotation, offset = camera.camera_from_world[:3, :3], camera.camera_from_world[2, 3]
     depth = torch.from_numpy(drawn.position @ rotation[2] + offset).float()
     middle = depth[hit].mean() if hit.any() else depth.new_zeros(())
-    normal = torch.from_numpy(drawn.normal @ rotation.T).float()
+    normals = [torch.from_numpy(drawn.normal @ turn.T).float() for turn in (rotation, light_from_world)]
     colour = image[..., :3] / image[..., 3:].clamp_min(1e-6)
-    layers = [colour, image[..., 3:], torch.where(hit, middle - depth, 0)[..., None], normal]
+    layers = [colour, image[..., 3:], torch.where(hit, middle - depth, 0)[..., None], *normals]
     return torch.cat(layers, -1).permute(2, 0, 1).contiguous()
+
+
+def _root_from_world(signals: Signals) -> Float[np.ndarray, "3 3"]:
+    turn: np.ndarray = matrix_from_rotvec(torch.from_numpy(np.array(signals.global_orient, np.float64))).numpy().T
+    return turn
 
 
 def _span(covered: Tensor) -> slice:

@@ -1,7 +1,7 @@
-"""A learned rival of the avatar: another way to draw a captured person, learnt from the same pictures around the same fit.
+"""A learned rival of the avatar: another way to draw a captured person, learnt from the training's pictures around the same fit.
 
-A rival begins where an avatar's training begins: `person_fit`, the template whose skin (and face) were fitted to the capture,
-and the pictures of the training's split of one rig. It learns for as long as an avatar did (timed_training.py).
+A rival begins where an avatar's training begins, at `person_fit`, the template whose skin (and face) were fitted to the capture,
+and learns for as long as an avatar did (timed_training.py).
 """
 
 from __future__ import annotations

@@ -12,11 +12,12 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from avatarrex.errors import InputError
+from avatarrex.errors import InputError, check
 from avatarrex.measure.rivals.rival import Rival
 from avatarrex.training.core.work import load
 from avatarrex.training.runs import checkpoint
 from avatarrex.training.runs.folder import Run
+from avatarrex.training.runs.interruption import Interruption
 
 LAST = 0.02
 SAVE = 60.0
@@ -28,33 +29,47 @@ WAIT = 0.5
 
 
 def train(rival: Rival, run: Run, seconds: float, seed: int) -> bool:
-    """Steps until `seconds` of processor time have gone into them, from the run's last checkpoint; False where it was stopped."""
+    """Steps until `seconds` of processor time have gone into them, from the run's last checkpoint; False where it was stopped.
+
+    Raises `InputError` for no time, and for a loss that is no number.
+    """
+    check(seconds > 0, run.path, "processor seconds", "more than 0", seconds)
     torch.manual_seed(seed)
     optimiser = torch.optim.Adam(rival.parameters(), rival.rate)
     used, step = resume(rival, run, optimiser)
-    saved = used
-    while used < seconds:
-        while (wish := run.control()) == "pause":
-            time.sleep(WAIT)
-        if wish == "stop":
-            break
-        begun = time.process_time()
-        progress = used / seconds
-        rate = rival.rate * (LAST + (1 - LAST) * 0.5 * (1 + math.cos(math.pi * progress)))
-        optimiser.param_groups[0]["lr"] = rate
-        optimiser.zero_grad(set_to_none=True)
-        loss = rival.loss(np.random.default_rng((seed, step)), progress)
-        loss.backward()
-        optimiser.step()
-        step += 1
-        used += time.process_time() - begun
-        if step % REPORT == 0:
-            run.scalars(step, {f"{run.part}/loss/total": loss.item(), f"{run.part}/schedule/lr": rate})
-        if used - saved > SAVE:
-            saved = used
-            save(rival, run, optimiser, used, step)
+    saved, interruption = used, Interruption()
+    with interruption.heard():
+        while used < seconds and not _stopped(run, interruption):
+            begun = time.process_time()
+            rate = rival.rate * (LAST + (1 - LAST) * 0.5 * (1 + math.cos(math.pi * used / seconds)))
+            value = _descend(rival, optimiser, rate, rival.loss(np.random.default_rng((seed, step)), used / seconds))
+            step += 1
+            used += time.process_time() - begun
+            check(math.isfinite(value), run.path, f"loss of step {step}", "a finite number", value)
+            if step % REPORT == 0:
+                run.scalars(step, {f"{run.part}/loss/total": value, f"{run.part}/schedule/lr": rate})
+            if used - saved > SAVE:
+                saved = used
+                save(rival, run, optimiser, used, step)
     save(rival, run, optimiser, used, step)
     return used >= seconds
+
+
+def _stopped(run: Run, interruption: Interruption) -> bool:
+    """Whether Ctrl+C or the run's control.json requests a stop; waits while it requests a pause."""
+    while (wish := run.control()) == "pause" and not interruption.requested:
+        time.sleep(WAIT)
+    return interruption.requested or wish == "stop"
+
+
+def _descend(rival: Rival, optimiser: torch.optim.Adam, rate: float, loss: torch.Tensor) -> float:
+    """One step at `rate`; none where a batch shows nothing that depends on the networks. The loss."""
+    optimiser.param_groups[0]["lr"] = rate
+    if loss.requires_grad:
+        optimiser.zero_grad(set_to_none=True)
+        loss.backward()
+        optimiser.step()
+    return loss.item()
 
 
 def save(rival: Rival, run: Run, optimiser: torch.optim.Adam, used: float, step: int) -> None:
@@ -72,10 +87,10 @@ def resume(rival: Rival, run: Run, optimiser: torch.optim.Adam) -> tuple[float, 
     return float(state["seconds"]), step
 
 
-def read(rival: Rival, folder: Path) -> int:
-    """Load what a run has learnt, and say in how many steps. Raises `InputError` where it has no checkpoint that is whole."""
+def read(rival: Rival, folder: Path) -> tuple[float, int]:
+    """Load what a run has learnt; in how many seconds and steps. Raises `InputError` where it has no checkpoint that is whole."""
     found = checkpoint.newest(folder / "checkpoints")
     if found is None:
         raise InputError(folder, "checkpoints", "one that is whole", "none")
     rival.load_state_dict(found[1]["networks"])
-    return found[0].manifest.step
+    return float(found[1]["seconds"]), found[0].manifest.step

@@ -7,10 +7,8 @@ checkpoints only: a resumed run repeats the interrupted one bit for bit on a CPU
 
 from __future__ import annotations
 
-import signal
 import time
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -42,6 +40,7 @@ from avatarrex.training.core.warm_start import clear_space, warm_start
 from avatarrex.training.core.work import Work, pass_of
 from avatarrex.training.recipe import TRAINED, PassOne, PassTwo, Recipe
 from avatarrex.training.runs.folder import Run
+from avatarrex.training.runs.interruption import Interruption
 
 REPORT = 20
 """Steps between lines of figures."""
@@ -86,7 +85,7 @@ class Trainer:
             raise InputError("--start", "preset", recipe.preset, found)
         self.perceptual = Perceptual.load()
         self.perceptual.place(device)
-        self.interrupted = False
+        self.interruption = Interruption()
         self.known = provenance.prior(self.avatar, recipe, self.parts, start)
         self.seconds, self.began = 0.0, time.monotonic()
 
@@ -101,7 +100,7 @@ class Trainer:
     def train(self) -> bool:
         """Go on from the run's last checkpoint to the end; False where it was stopped before."""
         first, state = self._restore()
-        with _on_interrupt(self):
+        with self.interruption.heard():
             for number, stage in enumerate(self.stages[first:], first):
                 if not self._train_stage(number, stage, state if number == first else None):
                     return False
@@ -233,10 +232,10 @@ class Trainer:
     def _stopping(self) -> bool:
         """Whether a viewer or Ctrl+C requested a stop, of any process; a pause is waited for."""
         wish = self.run.control()
-        while wish == "pause" and not self.interrupted:
+        while wish == "pause" and not self.interruption.requested:
             time.sleep(0.2)
             wish = self.run.control()
-        return self.group.any(self.interrupted or wish == "stop")
+        return self.group.any(self.interruption.requested or wish == "stop")
 
     def _save(self, stage: int, step: int, work: Work | None, score: float | None = None) -> None:
         """A checkpoint to go on from with the stage of that number, in the midst of `work` or at its beginning."""
@@ -295,24 +294,3 @@ def training_signals(rig: Rig) -> list[Signals]:
     if not found:
         raise InputError(f"{rig.name} rig", "frames", "at least one that is not held out", "none")
     return found
-
-
-@contextmanager
-def _on_interrupt(trainer: Trainer) -> Iterator[None]:
-    """Ctrl+C requests a stop after the step; a second one stops at once."""
-
-    def request(number: int, frame: object) -> None:
-        if trainer.interrupted:
-            raise KeyboardInterrupt
-        trainer.interrupted = True
-        tqdm.write("stopping after this step (Ctrl+C again: at once)")
-
-    try:
-        before = signal.signal(signal.SIGINT, request)
-    except ValueError:  # not in the main thread: there control.json stops it
-        yield
-        return
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
