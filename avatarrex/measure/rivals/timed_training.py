@@ -38,7 +38,7 @@ def train(rival: Rival, run: Run, seconds: float, seed: int) -> bool:
     optimiser = torch.optim.Adam(rival.parameters(), rival.rate)
     used, step = resume(rival, run, optimiser)
     saved, interruption = used, Interruption()
-    with interruption.heard():
+    with interruption.handled():
         while used < seconds and not _stopped(run, interruption):
             begun = time.process_time()
             rate = rival.rate * (LAST + (1 - LAST) * 0.5 * (1 + math.cos(math.pi * used / seconds)))

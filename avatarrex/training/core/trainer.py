@@ -100,7 +100,7 @@ class Trainer:
     def train(self) -> bool:
         """Go on from the run's last checkpoint to the end; False where it was stopped before."""
         first, state = self._restore()
-        with self.interruption.heard():
+        with self.interruption.handled():
             for number, stage in enumerate(self.stages[first:], first):
                 if not self._train_stage(number, stage, state if number == first else None):
                     return False

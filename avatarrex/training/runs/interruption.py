@@ -16,7 +16,7 @@ class Interruption:
         self.requested = False
 
     @contextmanager
-    def heard(self) -> Iterator[None]:
+    def handled(self) -> Iterator[None]:
         """While this lasts, in the main thread; in others control.json alone stops a training."""
         try:
             before = signal.signal(signal.SIGINT, self._request)
