@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from dataclasses import replace
 
 import numpy as np
@@ -227,6 +228,33 @@ def test_a_stopped_training_goes_on(capture, tmp_path, monkeypatch):
     assert state["seconds"] >= before + 1.0
     with pytest.raises(InputError, match="checkpoints: expected one that is whole"):
         timed_training.read(kept, tmp_path)
+
+
+def test_ctrl_c_ends_a_rival_with_its_checkpoint(capture, tmp_path, monkeypatch):
+    nerf = CanonicalNerf(capture.person, capture.rigs["body"])
+    steps = []
+
+    def loss(rng, progress):
+        steps.append(progress)
+        if len(steps) == 3:
+            signal.raise_signal(signal.SIGINT)
+        return CanonicalNerf.loss(nerf, rng, progress)
+
+    monkeypatch.setattr(nerf, "loss", loss)
+    with Run.create(tmp_path / "run", {"part": "body"}) as run:
+        assert not timed_training.train(nerf, run, SECONDS, 0)
+        found = run.latest()
+    assert found is not None
+    assert found[0] == len(steps) == 3
+
+
+def test_no_time_and_no_number_are_refused(capture, tmp_path, monkeypatch):
+    nerf = CanonicalNerf(capture.person, capture.rigs["body"])
+    with Run.create(tmp_path / "none", {"part": "body"}) as run, pytest.raises(InputError, match="more than 0"):
+        timed_training.train(nerf, run, 0.0, 0)
+    monkeypatch.setattr(nerf, "loss", lambda rng, progress: nerf.offset.weight.sum() * np.nan)
+    with Run.create(tmp_path / "nan", {"part": "body"}) as run, pytest.raises(InputError, match="loss of step 1"):
+        timed_training.train(nerf, run, 1.0, 0)
 
 
 @pytest.mark.slow
