@@ -20,7 +20,7 @@ from avatarrex.measure.ablation.report import answers, rows, table
 from avatarrex.measure.ablation.study import Study
 from avatarrex.measure.ablation.variants import VARIANTS, chosen_variants
 from avatarrex.measure.rivals import image_translation, timed_training
-from avatarrex.measure.rivals.canonical_nerf import CanonicalNerf, PosedSkin
+from avatarrex.measure.rivals.canonical_nerf import UNIT, CanonicalNerf, PosedSkin
 from avatarrex.measure.rivals.image_translation import ImageTranslation
 from avatarrex.measure.rivals.kinds import make_rival
 from avatarrex.metrics.baselines import FITTED, textured_mesh, with_fitted_skin
@@ -129,8 +129,11 @@ def test_a_posed_skin_leads_back_to_rest():
     rest, distance = skin.at_rest(skin.vertices)
     assert (rest - person.body.v_template).norm(dim=1).quantile(0.95) < 0.002
     assert distance.abs().max() < 1e-4
-    outside = skin.at_rest(skin.vertices + 0.01 * torch.from_numpy(skin.distance.normals).float())[1]
+    beyond, outside = skin.at_rest(skin.vertices + 0.01 * torch.from_numpy(skin.distance.normals).float())
     assert outside.median() == pytest.approx(0.01, abs=0.001)
+    moved = (skin.vertices - person.body.v_template).norm(dim=1) > 0.2
+    off = beyond - person.body.v_template - 0.01 * person.body.normals
+    assert off[moved].norm(dim=1).median() < 0.002
 
 
 def test_an_untrained_nerf_has_the_skin_as_its_surface(capture):
@@ -142,18 +145,17 @@ def test_an_untrained_nerf_has_the_skin_as_its_surface(capture):
 
 
 def test_samples_follow_the_learnt_surface(capture):
-    """Two centimetres off the skin, out and in: depth is where the surface is, and rays are stopped."""
+    """Four centimetres outside the skin: light ends there along rays that meet it at a slant, too, not at the skin."""
     rig = capture.rigs["body"]
     nerf, camera = CanonicalNerf(capture.person, rig), rig.views[0].camera
     depths = []
-    for off in (-0.02, 0.0, 0.02):
-        torch.nn.init.constant_(nerf.offset.bias, off / 0.01)
+    for off in (-0.04, 0.0):
+        torch.nn.init.constant_(nerf.offset.bias, off / UNIT)
         drawn = nerf.draw(rig.signals[0], camera)
         away = np.linalg.norm(drawn.position - camera.centre, axis=-1)
         depths.append(np.where(drawn.hit, away, np.nan))
         assert drawn.image[..., 3][torch.from_numpy(drawn.hit)].median() > 0.99
-    assert np.nanmedian(depths[1] - depths[0]) == pytest.approx(0.02, abs=0.006)
-    assert np.nanmedian(depths[2] - depths[1]) == pytest.approx(0.02, abs=0.006)
+    assert np.nanmedian(depths[1] - depths[0]) == pytest.approx(0.05, abs=0.012)
 
 
 def test_rays_that_see_nothing_teach_nothing(capture, tmp_path):
