@@ -142,7 +142,7 @@ def test_both_passes_train_there_and_go_on_from_a_checkpoint(device: str, folder
     with machine(device):
         with Run.create(tmp_path / "run", config) as run:
             trainer = Trainer(open_capture(folder), TINY, run, device=device)
-            trainer.interrupted = True
+            trainer.interruption.requested = True
             assert not trainer.train()
         with Run.open(tmp_path / "run") as run:
             trainer = Trainer(open_capture(folder), TINY, run, device=device)
