@@ -8,7 +8,7 @@ colours and that coverage, so that untrained it is the mesh. Letters: h w pixels
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
 import torch
@@ -57,7 +57,7 @@ class ImageTranslation(Rival):
         super().__init__()
         self._mesh, self._rig, self._pairs, self._light_frame = mesh, rig, training_pairs(rig), light_frame
         largest = max(rig.views[view].camera.width * rig.views[view].camera.height for _, view in self._pairs)
-        self._example = lru_cache(max(KEPT_PIXELS // largest, BATCH))(self._drawn)
+        self._example = lru_cache(max(KEPT_PIXELS // largest, BATCH))(partial(example, mesh, rig, light_frame))
         self._perceptual = (Perceptual.load(),)  # in a tuple: no module of ours
         self.network = UNet(CHANNELS, LEVELS, 4)
         for values in self.network.out.parameters():
@@ -96,33 +96,36 @@ class ImageTranslation(Rival):
         fill = (max(-x, 0), max(x + CROP - width, 0), max(-y, 0), max(y + CROP - height, 0))
         return Example(pad(example.shown[cut].float(), fill), pad(example.truth[cut].float(), fill))
 
-    def _drawn(self, frame: int, view: int) -> Example:
-        """In half precision."""
-        signals, camera = self._rig.signals[frame], self._rig.views[view].camera
-        truth = over_black(self._rig.image(view, frame), self._rig.matte(view, frame), camera.width, camera.height)
-        shows = self._shown(self._mesh.draw(signals, camera), signals, camera)
-        layers = torch.cat([truth.image, truth.matte[..., None]], -1).permute(2, 0, 1)
-        y, x = (_span(shows[3].amax(axis) > 0) for axis in (1, 0))
-        return Example(shows[:, y, x].half(), layers[:, y, x].half())
-
     def _shown(self, drawn: Drawing, signals: Signals, camera: Camera) -> Float[Tensor, "c h w"]:
-        turn = np.eye(3) if self._light_frame == "world" else _root_from_world(signals)
-        return shown(drawn, camera, turn)
+        return shown(drawn, camera, light_from_world(self._light_frame, signals))
 
 
-def shown(drawn: Drawing, camera: Camera, light_from_world: Float[np.ndarray, "3 3"]) -> Float[Tensor, "c h w"]:
+def example(mesh: MeshDrawer, rig: Rig, light_frame: str, frame: int, view: int) -> Example:
+    """In half precision."""
+    signals, camera = rig.signals[frame], rig.views[view].camera
+    truth = over_black(rig.image(view, frame), rig.matte(view, frame), camera.width, camera.height)
+    shows = shown(mesh.draw(signals, camera), camera, light_from_world(light_frame, signals))
+    layers = torch.cat([truth.image, truth.matte[..., None]], -1).permute(2, 0, 1)
+    y, x = (_span(shows[3].amax(axis) > 0) for axis in (1, 0))
+    return Example(shows[:, y, x].half(), layers[:, y, x].half())
+
+
+def shown(drawn: Drawing, camera: Camera, light_turn: Float[np.ndarray, "3 3"]) -> Float[Tensor, "c h w"]:
     """What the U-Net sees of a mesh: straight colour, coverage, metres before the mesh's mean depth, normals in both frames."""
     image, hit = drawn.image, torch.from_numpy(drawn.hit)
     rotation, offset = camera.camera_from_world[:3, :3], camera.camera_from_world[2, 3]
     depth = torch.from_numpy(drawn.position @ rotation[2] + offset).float()
     middle = depth[hit].mean() if hit.any() else depth.new_zeros(())
-    normals = [torch.from_numpy(drawn.normal @ turn.T).float() for turn in (rotation, light_from_world)]
+    normals = [torch.from_numpy(drawn.normal @ turn.T).float() for turn in (rotation, light_turn)]
     colour = image[..., :3] / image[..., 3:].clamp_min(1e-6)
     layers = [colour, image[..., 3:], torch.where(hit, middle - depth, 0)[..., None], *normals]
     return torch.cat(layers, -1).permute(2, 0, 1).contiguous()
 
 
-def _root_from_world(signals: Signals) -> Float[np.ndarray, "3 3"]:
+def light_from_world(light_frame: str, signals: Signals) -> Float[np.ndarray, "3 3"]:
+    """The turn into the frame in which the light is fixed, `world` or `root`."""
+    if light_frame == "world":
+        return np.eye(3)
     turn: np.ndarray = matrix_from_rotvec(torch.from_numpy(np.array(signals.global_orient, np.float64))).numpy().T
     return turn
 
