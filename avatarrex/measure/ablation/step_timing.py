@@ -44,9 +44,10 @@ def step_timing(capture: Capture, recipe: Recipe, part: str, seed: int) -> StepT
     hidden = frozenset() if part == "face" else frozenset({"face"})
     begun = time.process_time()
     for other in (name for name in ("body", "face") if name not in hidden):
-        steps = getattr(recipe, other)[0].warm_steps
-        if steps:
-            warm_start(avatar, (capture.rigs.get(other) or rig).signals.frames, other, steps, seed)
+        one = getattr(recipe, other)[0]
+        if one.warm_steps:
+            poses = (capture.rigs.get(other) or rig).signals.frames
+            warm_start(avatar, poses, other, one.warm_steps, seed, one.prior)
     fixed = time.process_time() - begun
     passes, perceptual = 0.0, Perceptual.load()
     for stage in (stage for stage in stages(recipe, (part,)) if stage.recipe.steps):

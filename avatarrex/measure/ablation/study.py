@@ -17,6 +17,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -34,7 +35,7 @@ from avatarrex.measure.bench.contest import Times, timed
 from avatarrex.measure.rivals import timed_training
 from avatarrex.measure.rivals.kinds import make_rival
 from avatarrex.measure.volume_drawer import VolumeDrawer
-from avatarrex.metrics.baselines import rivals
+from avatarrex.metrics.baselines import rivals, with_fitted_skin
 from avatarrex.metrics.drawing import AvatarDrawer, Drawer, Drawing
 from avatarrex.metrics.evaluate import Choice, default_frames, evaluate, observations, spread
 from avatarrex.metrics.face_region import face_alone
@@ -92,6 +93,11 @@ class Study:
         self.folder.mkdir(parents=True, exist_ok=True)
         self._note()
 
+    @cached_property
+    def fitted(self) -> Capture:
+        """The capture, its person with the skin fitted even where an avatar's training needs no fit: what meshes and rivals begin at."""
+        return replace(self.capture, person=with_fitted_skin(self.capture, self.capture.person))
+
     def run_folder(self, variant: Variant, seed: int) -> Path:
         """Of the variant, or of the one that it redraws."""
         return self.folder / (variant.redraws or variant.name) / f"seed_{seed}"
@@ -118,7 +124,7 @@ class Study:
         file = self.folder / "baselines.json"
         found = read_json(file)
         if found is None:
-            meshes = rivals(self.capture, self.capture.person, list(observations(self.rig)))
+            meshes = rivals(self.capture, self.fitted.person, list(observations(self.rig)))
             found = self._evaluated(meshes, self._views(CAMERAS_MEASURED))
             write_json(file, found)
         return found
@@ -174,7 +180,7 @@ class Study:
         if not variant.rival:
             return Trainer(self.capture, self.recipe(variant, seed), run).train()
         seconds = self.effort(VARIANTS[variant.time_of], seed)["cpu_seconds"]
-        return timed_training.train(make_rival(variant.name, self.capture, self.part, seed), run, seconds, seed)
+        return timed_training.train(make_rival(variant.name, self.fitted, self.part, seed), run, seconds, seed)
 
     @contextmanager
     def _effort_noted(self, variant: Variant, seed: int) -> Iterator[None]:
@@ -188,27 +194,28 @@ class Study:
 
     def _measure(self, variant: Variant, seed: int) -> dict[str, Any]:
         """All figures of a variant that was trained."""
-        drawer, networks, steps = self._trained(variant, seed)
+        drawer, networks, trained = self._trained(variant, seed)
         folder, tag = self.run_folder(variant, seed), f"{self.part}/rate/samples_per_ray"
         return {
             **self._evaluated([drawer], self._views(CAMERAS_MEASURED)),
             "variant": variant.name,
             "seed": seed,
-            "steps": steps,
             **self.effort(variant, seed),
+            **trained,
             "parameters": sum(parameter.numel() for parameter in networks.parameters()),
-            "samples_per_ray": None if variant.rival else _steady(folder, tag, steps[0]),
+            "samples_per_ray": None if variant.rival else _steady(folder, tag, trained["steps"][0]),
             "device": device(),
         }
 
-    def _trained(self, variant: Variant, seed: int) -> tuple[Drawer, nn.Module, list[int]]:
-        """Who draws what a finished run has learnt, its networks, and the steps of its passes."""
+    def _trained(self, variant: Variant, seed: int) -> tuple[Drawer, nn.Module, dict[str, Any]]:
+        """Who draws what a finished run has learnt, its networks, the steps of its passes; of a rival the processor time of its steps."""
         if variant.rival:
-            rival = make_rival(variant.name, self.capture, self.part, seed)
-            return rival, rival, [timed_training.read(rival, self.run_folder(variant, seed))[1]]
+            rival = make_rival(variant.name, self.fitted, self.part, seed)
+            seconds, step = timed_training.read(rival, self.run_folder(variant, seed))
+            return rival, rival, {"steps": [step], "cpu_seconds": seconds}
         avatar = load_avatar(self._avatar(variant, seed))
         one, two = getattr(self.recipe(variant, seed), self.part)
-        return AvatarDrawer(avatar), avatar.modules()[self.part], [one.steps, two.steps]
+        return AvatarDrawer(avatar), avatar.modules()[self.part], {"steps": [one.steps, two.steps]}
 
     def _redraw(self, variant: Variant, seed: int) -> dict[str, Any]:
         """Another variant's avatar drawn by volume rendering, beside the deferred renderer on the same few pictures."""

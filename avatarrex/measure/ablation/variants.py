@@ -8,7 +8,9 @@
     no-pass-two        pass I alone, lengthened to as many steps
     plain-one          pass I of no-patches alone
     plain              no-pass-two without feature patches: the paper's baseline
-    one-network        plain, geometry and colour in one local network per node
+    plain-no-prior     plain without the packaged prior
+    one-network        plain, geometry and colour in one local network per node, without the prior
+    full-no-prior      full of the face without the prior, beside face-mlp, which has none
     uniform-64         no-pass-two on 64 uniform samples a ray, weighed as the paper does; -time: as long as no-pass-two
     image-translation, canonical-nerf    no avatars: learned rivals, for as long as full took
 

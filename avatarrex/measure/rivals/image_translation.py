@@ -33,8 +33,8 @@ LEVELS = (16, 32, 64, 96, 128)
 CROP, BATCH = 128, 4
 MARGIN = 24
 """Pixels about the mesh in which it may be wrong."""
-KEPT_PIXELS = 200_000_000
-"""Of pictures of the training whose examples are kept, 2 GiB or so; others are drawn anew."""
+KEPT_PIXELS = 100_000_000
+"""Of pictures whose examples are kept, a gigabyte where a person fills a third of them; others are drawn anew."""
 MATTE, PERCEPTUAL = 0.5, 0.1
 """Weights of the coverage's error and of the perceptual term, beside that of colours."""
 

@@ -1,7 +1,8 @@
 """A learned rival of the avatar: another way to draw a captured person, learnt from the training's pictures around the same fit.
 
-A rival begins where an avatar's training begins, at `person_fit`, the template whose skin (and face) were fitted to the capture,
-and learns for as long as an avatar did (timed_training.py).
+A rival begins at `person_fit`, the template whose skin (and face) were fitted to the capture, as an avatar's training does (of the
+studio's own person, which a training takes as it is, the skin is fitted for rivals alone), and learns for as long as an avatar did
+(timed_training.py).
 """
 
 from __future__ import annotations

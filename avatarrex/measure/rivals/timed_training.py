@@ -1,4 +1,4 @@
-"""Training of a rival for so much processor time, in an ordinary run: stopped, killed and resumed as others are.
+"""Training of a rival for so much processor time, in an ordinary run: stopped, killed and resumed, but not bit for bit.
 
 Adam at a rate that falls by half a cosine to `LAST` of its first value; batches depend on seed and step alone.
 """
