@@ -19,7 +19,8 @@ from avatarrex.signals.limits import random_signals
 from avatarrex.templates.person import load_person
 from avatarrex.templates.posed import pose_person
 from avatarrex.training.core.supervision import distances_before, hidden_at_rest, supervision
-from avatarrex.training.core.warm_start import load_prior
+from avatarrex.training.core.warm_start import PRIOR, load_prior, prior_of, read_prior, warm_start
+from avatarrex.training.recipe import PAPER, QUICK, Recipe
 
 MOST = {"body": 0.004, "face": 0.004}
 """Metres of mean error at points as far as 15 cm off; where training reads distances it is less."""
@@ -151,3 +152,26 @@ def test_a_fit_goes_on_from_its_checkpoint_and_is_packaged(tmp_path, monkeypatch
     assert load_prior(avatar, "body")
     stored = second["state"]["geometry_blend.0.weight"].half().float()
     assert torch.equal(avatar.body.state_dict()["geometry_blend.0.weight"], stored)
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_a_warm_start_without_the_prior_knows_nothing(known: bool) -> None:
+    """Its geometry is right before the first step or not; colours, which a warm start does not fit, are the prior's or as created."""
+    avatar, packaged = Avatar.create(load_person(), "compact", 3), read_prior(PRIOR)[0]
+    before = {f"face.{name}": value.clone() for name, value in avatar.face.state_dict().items()}
+    first = warm_start(avatar, [Signals.rest()], "face", 1, 0, known)
+    assert (first < MOST["face"]) == known, "metres off before the first step"
+    names = [name for name in prior_of(avatar, "face_colour") if before[name].is_floating_point()]
+    expected = packaged if known else before
+    assert all(torch.equal(avatar.face.state_dict()[name.removeprefix("face.")], expected[name]) for name in names)
+    assert any(not torch.equal(packaged[name], before[name]) for name in names)
+
+
+def test_stored_passes_of_before_began_with_the_prior_where_they_had_a_warm_start() -> None:
+    for recipe in (QUICK, PAPER):
+        stored = recipe.to_json()
+        for part in ("face", "body"):
+            del stored[part][0]["prior"]
+        assert Recipe.from_json(stored) == recipe
+    assert QUICK.body[0].prior
+    assert not PAPER.body[0].prior
