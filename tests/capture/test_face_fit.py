@@ -18,6 +18,7 @@ from avatarrex.capture.fit import face_fit
 from avatarrex.capture.fit.capture_fit import fit_geometry
 from avatarrex.capture.fit.check import template_surface
 from avatarrex.capture.fit.face_fit import fit_face, fit_to_pictures
+from avatarrex.capture.fit.lips import away_from_lips, touching
 from avatarrex.capture.fit.paint import Points, Posed, Seen, sights
 from avatarrex.capture.fit.photo import Photo
 from avatarrex.capture.readers.drawn import MAKER
@@ -181,11 +182,12 @@ def test_points_of_an_eyeball_next_to_lids_do_not_count() -> None:
 
 def test_blurred_pictures_say_less_of_eyeballs(monkeypatch: pytest.MonkeyPatch) -> None:
     """Blurred by as much as an eye is open, one says nothing of an eyeball; a sharper one of what lies as far from lids as its blur."""
-    counts, ball, improve = [], of_balls(face_fit._points(load_person())), face_fit._Field.improve
+    points, improve = face_fit._points(load_person()), face_fit._Field.improve
+    counts, ball, clear = [], of_balls(points), away_from_lips(load_person().body, points) > 0.012
 
     def counted(field: face_fit._Field, somebody: Person, poses: list[Signals], seen: list[list[Seen]]) -> None:
         rows = [row for shown in seen for row, *_ in shown]
-        counts.append([sum(int((ball[row] == eye).sum()) for row in rows) for eye in (True, False)])
+        counts.append([sum(int(kind[row].sum()) for row in rows) for kind in (ball, ~ball & clear)])
         improve(field, somebody, poses, seen)
 
     monkeypatch.setattr(face_fit._Field, "improve", counted)
@@ -219,6 +221,137 @@ def test_expressions_move_no_eyeballs() -> None:
     rest, move = np.moveaxis(np.abs(field._solved(form, np.full((len(field.skin), 6), 1e2))), 2, 0)
     assert move[eye].max() < 0.15 * np.median(move[~eye])
     assert rest[eye].min() > 0.3 * np.median(rest[~eye])
+
+
+def between_lips(somebody: Person) -> np.ndarray:
+    """(c, 3) from lower to upper lip at rest, where the template's touch: by how much farther they are apart, metres."""
+    upper, lower = touching(load_person().body).T
+    rest, own = (each.body.v_template.double().numpy() for each in (load_person(), somebody))
+    return (own[upper] - own[lower]) - (rest[upper] - rest[lower])
+
+
+def test_lips_touch_from_corner_to_corner_where_the_jaw_parts_them() -> None:
+    body = load_person().body
+    pairs, rest = touching(body), body.v_template.double().numpy()
+    assert len(pairs) > 30
+    assert np.linalg.norm(rest[pairs[:, 0]] - rest[pairs[:, 1]], axis=1).max() < 0.004
+    upper, lower = rest[pairs[:, 0], 0], rest[pairs[:, 1], 0]
+    assert max(upper.min(), lower.min()) < -0.018
+    assert min(upper.max(), lower.max()) > 0.018
+    opened = rest + body.expression_dirs[..., JAW].double().numpy()
+    away = opened[pairs[:, 0]] - opened[pairs[:, 1]]
+    assert np.linalg.norm(away, axis=1).min() > 0.01
+    assert (away[:, 1] > 0).all()  # the first is the upper one
+
+
+def test_where_no_lips_touch_nothing_is_near_them() -> None:
+    """A template whose mouth is open at rest, and one whose jaw carries nothing."""
+    base = load_person()
+    apart = base.body.v_template + base.body.expression_dirs[..., JAW]
+    stiff = base.body.weights.clone()
+    stiff[:, JOINT_NAMES.index("jaw")] = 0
+    for body in (replace(base.body, v_template=apart), replace(base.body, weights=stiff)):
+        assert touching(body).shape == (0, 2)
+        assert np.isinf(away_from_lips(body, face_fit._points(base))).all()
+
+
+def pulled_apart(field: face_fit._Field) -> tuple[np.ndarray, np.ndarray]:
+    """What pictures say that draw lips apart, less with a mean expression than with more of it: form (v, 6, 6) and pull (v, 6)."""
+    upper, lower = (np.isin(field.skin, side) for side in touching(load_person().body).T)
+    pull = np.zeros((len(field.skin), 6))
+    pull[upper, 2:4], pull[lower, 2:4] = (400, 200), (-400, -200)  # along y, at rest and along the direction
+    return np.broadcast_to(1e5 * np.eye(6), (len(pull), 6, 6)), pull
+
+
+def test_lips_that_pictures_draw_apart_stay_closed_at_rest_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    base, jaw = load_person(), np.eye(52)[[JAW]]
+
+    def parted() -> list[float]:
+        """Millimetres at ψ = 0, and at more than the mean expression."""
+        field = face_fit._Field(base, face_fit._points(base), jaw, 0.4 * jaw[0])
+        field.now = field._solved(*pulled_apart(field))
+        face = field.offsets()
+        moved = replace(face, rest=face.rest + face.moves[..., 0])
+        return [1e3 * float(np.abs(between_lips(person(each))[:, 1]).mean()) for each in (face, moved)]
+
+    closed, moved = parted()
+    monkeypatch.setattr(face_fit, "CLOSED", 0.0)
+    free, _ = parted()
+    assert free > 0.3
+    assert closed < 0.05 * free
+    assert moved > 10 * closed
+
+
+def test_a_tie_is_of_the_whole_rest() -> None:
+    """Mean expression, what is undone of the skin's fit, and what that parted lips by: one step brings all of it together."""
+    base, jaw = load_person(), np.eye(52)[[JAW]]
+    lowered = base.body.weights[:, JOINT_NAMES.index("jaw")].double().numpy()[:, None] * [0, -0.004, 0]
+    nodes = tuple(np.unique(touching(base.body)).tolist())
+    surface = SurfaceOffsets(nodes, lowered[list(nodes)], eyes_stay=True)
+    plain = PersonFit(np.zeros(10), np.zeros((55, 3)), surface)
+    field = face_fit._Field(base, face_fit._points(base), jaw, 0.4 * jaw[0])
+    field.begin(base, surface)
+    field.now[..., 0] = field.now[..., 1] = lowered[list(field.nodes)]
+
+    def parted() -> float:
+        return float(between_lips(resize_person(base, replace(plain, face=field.offsets())))[:, 1].mean())
+
+    before = parted()
+    assert before > 0.001
+    form = np.broadcast_to(1e4 * np.eye(6), (len(field.skin), 6, 6))
+    field.now += field._solved(form, np.zeros((len(field.skin), 6)))
+    assert abs(parted()) < 0.02 * before
+
+
+def test_lips_do_not_open_though_no_point_is_between_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The template's own pictures with a dark mouth: of what is between the lips no point tells, which draws them apart."""
+    monkeypatch.setattr(face_fit, "SPACING", 0.02)
+    base = load_person()
+    dark = np.zeros(len(base.body.v_template), bool)
+    dark[base.face.body_vertex_ids.numpy()] = base.face.mouth.numpy()
+    faces = base.body.faces.numpy()
+
+    def shown(one: Signals, camera: Camera) -> Photo:
+        even = photo(person(), one, camera)
+        face, _, _ = visible_faces(template_surface(person(), one)[0], faces, camera)
+        inside = dark[faces[face]].any(-1)[..., None]
+        return replace(even, image=partial(np.asarray, np.where(inside, np.uint8(10), even.image())))
+
+    posed = [(signals(names), tuple(shown(signals(names), camera) for camera in CAMERAS)) for names in EXPRESSIONS]
+
+    def opened() -> float:
+        found = fit_to_pictures(person(), posed, (0.006, 0.004))
+        return 1e3 * float(between_lips(found)[:, 1].mean())
+
+    closed = abs(opened())
+    monkeypatch.setattr(face_fit, "CLOSED", 0.0)
+    monkeypatch.setattr(face_fit, "BESIDE", 0.0)
+    assert closed < 0.1
+    assert opened() > 0.5
+
+
+def test_blurred_pictures_say_nothing_beside_the_lips(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Within two blurs at rest of where lips touch; elsewhere all points count, those of lids, too."""
+    base, rows, improve = load_person(), [], face_fit._Field.improve
+    points = face_fit._points(base)
+    place = np.einsum(
+        "pk,pkc->pc", points.share, base.body.v_template.double().numpy()[base.body.faces.numpy()[points.face]]
+    )
+    line = base.body.v_template.double().numpy()[touching(base.body).ravel()]
+    away = cKDTree(line).query(place)[0]
+    np.testing.assert_allclose(away_from_lips(base.body, points), away, atol=1e-12)
+
+    def noted(field: face_fit._Field, somebody: Person, poses: list[Signals], seen: list[list[Seen]]) -> None:
+        rows.append(np.unique(np.concatenate([row for shown in seen for row, *_ in shown])))
+        improve(field, somebody, poses, seen)
+
+    monkeypatch.setattr(face_fit._Field, "improve", noted)
+    fit_to_pictures(person(), pictures(person())[:1], (0.004, 0.001))
+    (blurred, sharp), skin = rows, ~of_balls(points)
+    assert away[blurred].min() >= 0.008
+    assert 0.002 <= away[sharp].min() < 0.003
+    far = skin[sharp] & (away[sharp] > 0.012)
+    assert np.isin(sharp[far], blurred).mean() > 0.98
 
 
 def widened(width: float) -> tuple[Person, np.ndarray]:

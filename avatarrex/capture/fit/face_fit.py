@@ -10,8 +10,10 @@ expression along the directions in which the frames differ most. What one camera
 draws the points where the last one has them, in sharper pictures. t follows from the offsets, and is eliminated; o is the face at the
 frames' mean expression, and moves along the normal alone, from where what the fit of the skin slid along itself is undone. Eyeballs have
 a node each, that moves every way, with their lids, and hardly with expressions; where the blur mixes lids into the visible part of one,
-its points do not count. Jaw and eyes turn as the template's do; teeth and tongue lie behind the lips at rest as the template's do: no
-colours move them, for what is seen of them is seen between moving lips.
+its points do not count. At ψ = 0 lips lie as near each other as the template's (`CLOSED`): pixels between open lips belong to no point,
+so that parting them costs nothing. Points beside the line where lips touch do not count: there the blur mixes the mouth's inside, or the
+other lip, into their colours. Jaw and eyes turn as the template's do; teeth and tongue lie behind the lips at rest as the template's do:
+no colours move them, for what is seen of them is seen between moving lips.
 Letters: p points, v vertices, n nodes, k directions and one more for rest, e coefficients. Metres; sRGB in [0, 1].
 """
 
@@ -31,6 +33,7 @@ from tqdm import tqdm
 from avatarrex.capture.fit.check import compared_frames, posed_in_world
 from avatarrex.capture.fit.eye_fit import fit_eyes
 from avatarrex.capture.fit.face_light import without_light
+from avatarrex.capture.fit.lips import away_from_lips, touching
 from avatarrex.capture.fit.paint import Points, Posed, Seen, mean_colours, sights, trust, without_common
 from avatarrex.capture.fit.refine import shot
 from avatarrex.capture.readers.drawn import light_frame
@@ -77,6 +80,10 @@ STRENGTH = 100.0
 """1/σ_c², σ_c = 0.1 sRGB."""
 SMOOTH = 0.02
 """Metres over which normals are averaged: a lip faces every way."""
+CLOSED = 2000.0
+"""How many differences one between two vertices of lips that touch counts as, at rest: `person_f001`'s were torn apart by 10 mm."""
+BESIDE = 2.0
+"""σ of the blur, from where lips touch, within which points do not count."""
 LIP = 0.012
 """Metres from a row of teeth to the skin that it lies behind, whatever the face: closed lips would show it otherwise."""
 
@@ -102,14 +109,16 @@ def fit_to_pictures(
     assert person.fit is not None
     base, plain = load_person(person.name), replace(person.fit, face=None)
     points = _points(base)
+    from_lips = away_from_lips(base.body, points)
     field = _Field(base, points, *_directions(np.stack([signals.expression for signals, _ in posed])))
     field.begin(base, person.fit.surface)
     person = resize_person(base, replace(plain, face=field.offsets()))
     with tqdm(total=len(blurs) * len(posed), desc="fit face", unit="frame", leave=False) as bar:
         for blur in blurs:
-            seen, near = [], _near_on_eyes(base, points, blur)
+            seen, near, beside = [], _near_on_eyes(base, points, blur), from_lips < BESIDE * blur
             for one in posed:
-                seen.append([_clear_of_lids(sight, near) for sight in sights(person, points, one, blur)])
+                shown = sights(person, points, one, blur)
+                seen.append([_clear_of_lips(_clear_of_lids(sight, near), beside) for sight in shown])
                 bar.update()
             signals = [one for one, _ in posed]
             field.improve(person, signals, without_light(person, points, signals, seen, light))
@@ -123,11 +132,13 @@ class _Field:
     def __init__(self, base: Person, points: Points, directions: np.ndarray, mean: np.ndarray) -> None:
         faces = base.body.faces.numpy()
         self.directions, self.mean, self.patch = directions, mean, points.patch
+        self.at_rest = np.array([1.0, *-(directions @ mean)])  # φ where ψ = 0
         self.nodes, between = _spread(base.body, np.unique(faces[points.face]))
         eye = base.body.of_groups(EYES).numpy()[list(self.nodes)]
         self.begun = np.zeros((len(self.nodes), 3))  # what of o is not sought
         self.skin, self.place = np.unique(faces[points.face, points.share.argmax(1)], return_inverse=True)
-        self.weights = node_weights(base.body, self.nodes)[self.skin]
+        weights = node_weights(base.body, self.nodes)
+        self.weights, self.across = weights[self.skin], _across(weights, touching(base.body))
         self.behind = _behind(base.body, self.nodes)
         self.now = np.zeros((len(self.nodes), 3, 1 + len(directions)))
         sigma = np.tile([REST_SIGMA, *[MOVE_SIGMA] * len(directions)], (len(self.nodes), 1))
@@ -138,12 +149,15 @@ class _Field:
         tied = np.eye(len(self.nodes)) + TIE * _differences(_neighbours(between) + FLESH * _flesh(place, normal))
         self.stiffness = tied[..., None] / (sigma[:, None] * sigma)
         self.stiffness[..., 0] += TIE * LIDS / REST_SIGMA**2 * _differences(_lids(base.body, self.nodes))
+        self.parted = np.zeros((len(self.across), 3))  # what the fit of the skin moved lips apart by
 
     def begin(self, base: Person, surface: SurfaceOffsets | None) -> None:
         """Undo what the fit of the skin moved the face by along itself, as far as it is face: outlines say nothing of that."""
         if surface is not None:
-            nodes = list(self.nodes)
-            moved, normal = surface.moved(base.body)[nodes], _outwards(base, nodes)
+            nodes, everywhere = list(self.nodes), surface.moved(base.body)
+            upper, lower = touching(base.body).T
+            self.parted = everywhere[upper] - everywhere[lower]
+            moved, normal = everywhere[nodes], _outwards(base, nodes)
             slid = moved - (moved * normal).sum(1, keepdims=True) * normal
             self.begun = -slid * base.blend_weight[nodes, 2:].double().numpy()
 
@@ -178,17 +192,32 @@ class _Field:
             for j in range(3):
                 whole[each, i * k, each, j * k] += self.sideways[:, i, j]
             right[:, i * k] -= (self.sideways[:, i] * self.now[..., 0]).sum(1)
+        self._close(whole, right)
         system = whole.reshape(right.size, -1).T  # symmetric, and in LAPACK's order
         found: np.ndarray = solve(system, right.ravel(), overwrite_a=True, assume_a="pos")
         return found.reshape(self.now.shape)
 
+    def _close(self, whole: np.ndarray, right: np.ndarray) -> None:
+        """Add that lips which touch stay together where ψ = 0, to the equations (n, 3k, n, 3k) and (n, 3k)."""
+        tied, k = np.flatnonzero(self.across.any(0)), len(self.at_rest)
+        across = self.across[:, tied]
+        apart = self.across @ self._rest() + self.parted
+        form = np.einsum("cn,cm,a,b->namb", across, across, self.at_rest, self.at_rest, optimize=True)
+        for i in range(3):
+            own = np.arange(i * k, (i + 1) * k)
+            whole[np.ix_(tied, own, tied, own)] += CLOSED / REST_SIGMA**2 * form
+            right[np.ix_(tied, own)] -= CLOSED / REST_SIGMA**2 * np.outer(across.T @ apart[:, i], self.at_rest)
+
+    def _rest(self) -> np.ndarray:
+        """(n, 3) metres where ψ = 0."""
+        found: np.ndarray = self.begun + self.now @ self.at_rest
+        return found
+
     def offsets(self) -> FaceOffsets:
         """What has been found; ψ = 0 is rest."""
-        moves = self.now[..., 1:]
-        rest = self.begun + self.now[..., 0] - moves @ (self.directions @ self.mean)
-        inner = self.behind.any(1)
+        rest, inner = self._rest(), self.behind.any(1)
         rest[inner] = self.behind[inner] @ rest
-        return FaceOffsets(self.nodes, rest, self.directions, moves, eye_joints=True)
+        return FaceOffsets(self.nodes, rest, self.directions, self.now[..., 1:], eye_joints=True)
 
 
 class _Sums:
@@ -259,6 +288,20 @@ def _clear_of_lids(sight: Seen, near: csr_array) -> Seen:
     clear = (near @ hidden)[sight[0]] == 0
     row, cosine, colour, slope = sight
     return row[clear], cosine[clear], colour[clear], slope[clear]
+
+
+def _clear_of_lips(sight: Seen, beside: np.ndarray) -> Seen:
+    """`sight` without the points (p,) `beside` the line where lips touch, at rest, whatever the mouth does."""
+    row, cosine, colour, slope = sight
+    clear = ~beside[row]
+    return row[clear], cosine[clear], colour[clear], slope[clear]
+
+
+def _across(weights: csr_array, pairs: np.ndarray) -> np.ndarray:
+    """(c, n) what nodes move the upper of two vertices of lips, `pairs` (c, 2), by, less what they move the lower one by."""
+    upper, lower = pairs.T
+    found: np.ndarray = (weights[upper] - weights[lower]).toarray()
+    return found
 
 
 def _directions(expressions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

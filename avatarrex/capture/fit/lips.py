@@ -1,0 +1,45 @@
+"""Where the lips of a template touch at rest: skin that the jaw carries beside skin that it does not. Ours.
+
+Letters: v vertices, p points, c pairs. Metres, root frame at rest.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.sparse.csgraph import dijkstra
+from scipy.spatial import cKDTree
+
+from avatarrex.capture.fit.paint import Points
+from avatarrex.signals.joints import JOINT_NAMES
+from avatarrex.templates.face_offsets import mesh_edges
+from avatarrex.templates.model import EYES, MOUTH, TemplateModel
+
+TOUCH = 0.004
+"""Between two vertices that touch, at most: vertices of lips lie 2 to 5 mm apart."""
+AROUND = 0.01
+"""Along the mesh between them, at least: around the corner of the mouth, or through it."""
+
+
+def touching(body: TemplateModel) -> np.ndarray:
+    """(c, 2) vertices of the upper lip, and the nearest that the jaw carries for the most part. None where the mouth of a template is
+    open by more than `TOUCH` at rest."""
+    rest, skin = body.v_template.double().numpy(), ~body.of_groups((*EYES, *MOUTH)).numpy()
+    carried = body.weights[:, JOINT_NAMES.index("jaw")].numpy() > 0.5
+    upper, lower = np.flatnonzero(skin & ~carried), np.flatnonzero(skin & carried)
+    if not len(lower):
+        return np.zeros((0, 2), int)
+    away, nearest = cKDTree(rest[lower]).query(rest[upper], distance_upper_bound=TOUCH)
+    pairs = np.stack([upper[away < TOUCH], lower[nearest[away < TOUCH]]], 1)
+    ways = dijkstra(mesh_edges(body), indices=pairs[:, 0], limit=AROUND)[np.arange(len(pairs)), pairs[:, 1]]
+    found: np.ndarray = pairs[np.isinf(ways)]
+    return found
+
+
+def away_from_lips(body: TemplateModel, points: Points) -> np.ndarray:
+    """(p,) to the nearest vertex of lips that touch; infinite where none do."""
+    rest, faces = body.v_template.double().numpy(), body.faces.numpy()[points.face]
+    line = rest[np.unique(touching(body))]
+    if not len(line):
+        return np.full(len(faces), np.inf)
+    found: np.ndarray = cKDTree(line).query(np.einsum("pk,pkc->pc", points.share, rest[faces]))[0]
+    return found
