@@ -253,6 +253,10 @@ def test_where_no_lips_touch_nothing_is_near_them() -> None:
     for body in (replace(base.body, v_template=apart), replace(base.body, weights=stiff)):
         assert touching(body).shape == (0, 2)
         assert np.isinf(away_from_lips(body, face_fit._points(base))).all()
+    somebody = replace(base, body=body)
+    field = face_fit._Field(somebody, face_fit._points(base), np.eye(52)[[JAW]], np.zeros(52))
+    form = np.broadcast_to(1e4 * np.eye(6), (len(field.skin), 6, 6))
+    assert np.isfinite(field._solved(form, np.ones((len(field.skin), 6)))).all()
 
 
 def pulled_apart(field: face_fit._Field) -> tuple[np.ndarray, np.ndarray]:
