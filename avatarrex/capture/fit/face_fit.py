@@ -81,9 +81,10 @@ STRENGTH = 100.0
 SMOOTH = 0.02
 """Metres over which normals are averaged: a lip faces every way."""
 CLOSED = 2000.0
-"""How many differences one between two vertices of lips that touch counts as, at rest: `person_f001`'s were torn apart by 10 mm."""
+"""Weight, in units of 1/REST_SIGMA², of the squared change at rest of the way from one vertex of a lip to the one of the other lip that it
+touches. Without it the mouth of `person_f001` was fitted open by 10 mm."""
 BESIDE = 2.0
-"""σ of the blur, from where lips touch, within which points do not count."""
+"""Within so many σ of the blur of where lips touch, measured at rest, points do not count."""
 LIP = 0.012
 """Metres from a row of teeth to the skin that it lies behind, whatever the face: closed lips would show it otherwise."""
 
@@ -137,8 +138,9 @@ class _Field:
         eye = base.body.of_groups(EYES).numpy()[list(self.nodes)]
         self.begun = np.zeros((len(self.nodes), 3))  # what of o is not sought
         self.skin, self.place = np.unique(faces[points.face, points.share.argmax(1)], return_inverse=True)
-        weights = node_weights(base.body, self.nodes)
-        self.weights, self.across = weights[self.skin], _across(weights, touching(base.body))
+        weights, (self.upper, self.lower) = node_weights(base.body, self.nodes), touching(base.body).T
+        self.weights = weights[self.skin]
+        self.across = (weights[self.upper] - weights[self.lower]).toarray()  # (c, n) of one lip against the other
         self.behind = _behind(base.body, self.nodes)
         self.now = np.zeros((len(self.nodes), 3, 1 + len(directions)))
         sigma = np.tile([REST_SIGMA, *[MOVE_SIGMA] * len(directions)], (len(self.nodes), 1))
@@ -155,8 +157,7 @@ class _Field:
         """Undo what the fit of the skin moved the face by along itself, as far as it is face: outlines say nothing of that."""
         if surface is not None:
             nodes, everywhere = list(self.nodes), surface.moved(base.body)
-            upper, lower = touching(base.body).T
-            self.parted = everywhere[upper] - everywhere[lower]
+            self.parted = everywhere[self.upper] - everywhere[self.lower]
             moved, normal = everywhere[nodes], _outwards(base, nodes)
             slid = moved - (moved * normal).sum(1, keepdims=True) * normal
             self.begun = -slid * base.blend_weight[nodes, 2:].double().numpy()
@@ -285,23 +286,18 @@ def _clear_of_lids(sight: Seen, near: csr_array) -> Seen:
     eyeball. Where a pixel is wider than the blur (1.9 mm in the last round) it reaches farther than that."""
     hidden = np.ones(near.shape[0])
     hidden[sight[0]] = 0
-    clear = (near @ hidden)[sight[0]] == 0
-    row, cosine, colour, slope = sight
-    return row[clear], cosine[clear], colour[clear], slope[clear]
+    return _only(sight, (near @ hidden)[sight[0]] == 0)
 
 
 def _clear_of_lips(sight: Seen, beside: np.ndarray) -> Seen:
     """`sight` without the points (p,) `beside` the line where lips touch, at rest, whatever the mouth does."""
+    return _only(sight, ~beside[sight[0]])
+
+
+def _only(sight: Seen, kept: np.ndarray) -> Seen:
+    """The rows of `sight` that are `kept` (p,)."""
     row, cosine, colour, slope = sight
-    clear = ~beside[row]
-    return row[clear], cosine[clear], colour[clear], slope[clear]
-
-
-def _across(weights: csr_array, pairs: np.ndarray) -> np.ndarray:
-    """(c, n) what nodes move the upper of two vertices of lips, `pairs` (c, 2), by, less what they move the lower one by."""
-    upper, lower = pairs.T
-    found: np.ndarray = (weights[upper] - weights[lower]).toarray()
-    return found
+    return row[kept], cosine[kept], colour[kept], slope[kept]
 
 
 def _directions(expressions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -1,6 +1,6 @@
 """Where the lips of a template touch at rest: skin that the jaw carries beside skin that it does not. Ours.
 
-Letters: v vertices, p points, c pairs. Metres, root frame at rest.
+Letters: p points, c pairs of vertices. Metres, root frame at rest.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from avatarrex.templates.model import EYES, MOUTH, TemplateModel
 TOUCH = 0.004
 """Between two vertices that touch, at most: vertices of lips lie 2 to 5 mm apart."""
 AROUND = 0.01
-"""Along the mesh between them, at least: around the corner of the mouth, or through it."""
+"""Along the mesh between them, at least: the shortest way leads around a corner of the mouth, or through its cavity."""
 
 
 def touching(body: TemplateModel) -> np.ndarray:
-    """(c, 2) vertices of the upper lip, and the nearest that the jaw carries for the most part. None where the mouth of a template is
-    open by more than `TOUCH` at rest."""
+    """(c, 2) vertices of the upper lip, each with the nearest vertex of the lower lip: skin whose skinning weight of the jaw is above a
+    half. None where the mouth of a template is open by more than `TOUCH` at rest."""
     rest, skin = body.v_template.double().numpy(), ~body.of_groups((*EYES, *MOUTH)).numpy()
     carried = body.weights[:, JOINT_NAMES.index("jaw")].numpy() > 0.5
     upper, lower = np.flatnonzero(skin & ~carried), np.flatnonzero(skin & carried)
