@@ -20,7 +20,9 @@ from avatarrex.capture.readers.rigs import Capture, open_capture
 from avatarrex.counters import Counters
 from avatarrex.errors import InputError
 from avatarrex.fields.presets import PRESETS
+from avatarrex.measure.__main__ import run
 from avatarrex.measure.ablation.report import MEASURES, answers, plot, rows, table, to_json
+from avatarrex.measure.ablation.step_timing import StepTiming, step_timing
 from avatarrex.measure.ablation.study import Study
 from avatarrex.measure.ablation.variants import QUESTIONS, VARIANTS, chosen_variants, recipe_of, scaled
 from avatarrex.measure.volume_drawer import VolumeDrawer
@@ -262,8 +264,6 @@ def test_a_capture_without_held_out_poses_is_refused(capture, tmp_path):
 
 
 def test_minutes_scale_the_steps(capture, tmp_path, monkeypatch):
-    from avatarrex.measure.ablation.step_timing import StepTiming
-
     monkeypatch.setattr(
         "avatarrex.measure.ablation.study.step_timing", lambda *given: StepTiming(fixed=30.0, passes=15.0)
     )
@@ -271,3 +271,41 @@ def test_minutes_scale_the_steps(capture, tmp_path, monkeypatch):
     one, two = study.recipe(VARIANTS["full"], 0).body
     assert (one.steps, two.steps) == (2 * QUICK.body[0].steps, 2 * QUICK.body[1].steps)
     assert Study(Path(tmp_path), capture, "body", QUICK, minutes=1.0).recipe(VARIANTS["full"], 7).body == (one, two)
+
+
+def test_steps_are_timed_where_networks_are_trained(capture, monkeypatch):
+    """On a GPU by the wall's clock: the processor only waits."""
+    placed: list[str] = []
+    monkeypatch.setattr(Avatar, "place", lambda self, device: placed.append(device))
+    monkeypatch.setattr("time.process_time", lambda: 0.0)
+    timing = step_timing(capture, TINY, "body", 0, "meta")
+    assert min(timing.fixed, timing.passes) > 0
+    assert placed == ["meta"]
+
+
+def test_a_study_trains_and_times_on_its_device(capture, tmp_path, monkeypatch):
+    devices: list[str] = []
+
+    class Stopped:
+        def __init__(self, capture, recipe, run, device):
+            devices.append(device)
+
+        def train(self):
+            return False
+
+    def timed(capture, recipe, part, seed, device):
+        devices.append(device)
+        return StepTiming(fixed=0.0, passes=60.0)
+
+    monkeypatch.setattr("avatarrex.measure.ablation.study.Trainer", Stopped)
+    monkeypatch.setattr("avatarrex.measure.ablation.study.step_timing", timed)
+    study = Study(tmp_path, capture, "body", TINY, minutes=1.0, device="meta")
+    assert study.finish(VARIANTS["plain"], 0) is None
+    assert devices == ["meta", "meta"]
+
+
+def test_rivals_are_not_timed_on_a_gpu(capture, tmp_path):
+    words = ["ablation", str(capture.path), "--out", str(tmp_path / "study"), "--device", "cuda"]
+    with pytest.raises(InputError, match="--device: image-translation: expected cpu, "):
+        run([*words, "--variants", "full,image-translation", "--held-out-frames", "2:3"])
+    assert not (tmp_path / "study").exists()

@@ -12,6 +12,7 @@ from avatarrex.capture.fit.capture_fit import fit_capture
 from avatarrex.capture.readers.choice import held_out
 from avatarrex.capture.readers.rigs import Capture, open_capture
 from avatarrex.errors import check
+from avatarrex.fields.placement import device_named
 from avatarrex.files.json_text import write_json
 from avatarrex.measure.ablation.report import plot, rows, table, to_json
 from avatarrex.measure.ablation.study import Study
@@ -39,6 +40,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add("--parts", default="body", choices=("body", "face"), help="what is studied (body)")
     add("--held-out-frames", metavar="A:B:S", help="frames kept from training, instead of the capture's own")
     add("--held-out-views", metavar="NAMES", help="body cameras kept from training, instead of the capture's own")
+    add("--device", default="cpu", metavar="D", help="where networks are trained: cpu, cuda, mps, xpu … (cpu)")
     add("--json", metavar="FILE.json", help="every figure")
     add("--plot", metavar="DIR", help="PNG plots; needs matplotlib")
 
@@ -53,8 +55,12 @@ def run(options: argparse.Namespace) -> int:
     if options.plot:
         require_matplotlib()
     check(not (options.json and Path(options.json).is_dir()), options.json, "", "a file to write", "a folder")
+    rivals = ", ".join(variant.name for variant in variants if variant.rival)
+    wanted = "cpu, for rivals take the processor time of another variant"
+    check(options.device == "cpu" or not rivals, "--device", rivals, wanted, options.device)
+    device = str(device_named(options.device))
     recipe = scaled(RECIPES[options.recipe], options.parts, factor)
-    study = Study(Path(options.out), _opened(options), options.parts, recipe, minutes)
+    study = Study(Path(options.out), _opened(options), options.parts, recipe, minutes, device)
     finished = True
     for variant, seed in ((variant, seed) for seed in seeds for variant in variants):
         print(f"{variant.name}, seed {seed}: {variant.what}", file=sys.stderr)

@@ -1,13 +1,14 @@
 """How long a recipe takes here: a pilot of a few steps, for variants that are to take a given time.
 
 The real warm start, then `PILOT` steps spread over each pass, twice: the second time every frame is posed already, the
-difference is what posing a frame and making its volume costs. Processor seconds.
+difference is what posing a frame and making its volume costs. Processor seconds; of the wall where networks run on a GPU.
 """
 
 from __future__ import annotations
 
 import math
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -38,40 +39,44 @@ class StepTiming:
         return max((seconds - self.fixed) / self.passes, 0.0)
 
 
-def step_timing(capture: Capture, recipe: Recipe, part: str, seed: int) -> StepTiming:
-    """Train a throw-away avatar for a few steps."""
+def step_timing(capture: Capture, recipe: Recipe, part: str, seed: int, device: str = "cpu") -> StepTiming:
+    """Train a throw-away avatar for a few steps, with its networks on `device`."""
+    clock = time.process_time if device == "cpu" else time.monotonic
     avatar, rig = Avatar.create(capture.person, recipe.preset, seed), capture.rigs[part]
+    avatar.place(device)
     hidden = frozenset() if part == "face" else frozenset({"face"})
-    begun = time.process_time()
+    begun = clock()
     for other in (name for name in ("body", "face") if name not in hidden):
         one = getattr(recipe, other)[0]
         if one.warm_steps:
             poses = (capture.rigs.get(other) or rig).signals.frames
             warm_start(avatar, poses, other, one.warm_steps, seed, one.prior)
-    fixed = time.process_time() - begun
+    fixed = clock() - begun
     passes, perceptual = 0.0, Perceptual.load()
+    perceptual.place(device)
     for stage in (stage for stage in stages(recipe, (part,)) if stage.recipe.steps):
         store = FrameStore(avatar, rig, part, hidden, stage.name == "II")
         store.renew(0)
         still = replace(stage, recipe=replace(stage.recipe, rate=0.0))
-        passes += _seconds(Work(still, pass_of(still, avatar, store, perceptual, seed), None), store, recipe.interval)
+        work = Work(still, pass_of(still, avatar, store, perceptual, seed), None)
+        passes += _seconds(work, store, recipe.interval, clock)
     return StepTiming(fixed, passes)
 
 
-def _seconds(work: Work, store: FrameStore, interval: int) -> float:
+def _seconds(work: Work, store: FrameStore, interval: int, clock: Callable[[], float]) -> float:
     """Of one pass."""
     stage, frames = work.stage, store.rig.frames
     one, steps = stage.name == "I", stage.recipe.steps
     times, seen, pictures = [], set(), 0
     for _ in range(2):
-        begun = time.process_time()
+        begun = clock()
         for step in np.linspace(stage.begin, stage.end - 1, PILOT).astype(int).tolist():
             work.step = step
             result, total = work.evaluate()
             work.descend(total)
             seen |= {frame for frame, _ in result.pictures}
             pictures = len(result.pictures)
-        times.append(time.process_time() - begun)
+        times.append(clock() - begun)
     work.close()
     posing = max(times[0] - times[1], 0.0) / max(len(seen), 1)
     draws = pictures * (min(interval, steps) if one else steps)

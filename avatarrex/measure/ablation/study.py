@@ -66,7 +66,9 @@ class Study:
     part: str
     base: Recipe
     minutes: float | None = None
-    """Of each variant; the base recipe's steps unless given."""
+    """Of each variant, the processor's, or on a GPU the wall's; the base recipe's steps unless given."""
+    device: str = "cpu"
+    """Where networks are trained; pictures are drawn on the CPU."""
 
     def __post_init__(self) -> None:
         """Raises `InputError` where the folder holds another study, or the capture nothing held out."""
@@ -140,7 +142,7 @@ class Study:
             factor = self.effort(other, seed)["cpu_seconds"] / self.effort(pilot, seed)["cpu_seconds"]
             recipe = replace(scaled(self.recipe(pilot, seed), self.part, factor), name=recipe.name)
         elif self.minutes is not None:
-            factor = step_timing(self.capture, recipe, self.part, seed).factor(60 * self.minutes)
+            factor = step_timing(self.capture, recipe, self.part, seed, self.device).factor(60 * self.minutes)
             check(factor > 0, "--minutes", "", "more than the warm start takes", self.minutes)
             recipe = scaled(recipe, self.part, factor)
         self.about["recipes"][variant.name] = _plain(recipe)
@@ -178,7 +180,7 @@ class Study:
     def _learn(self, variant: Variant, seed: int, run: Run) -> bool:
         """False where it was stopped."""
         if not variant.rival:
-            return Trainer(self.capture, self.recipe(variant, seed), run).train()
+            return Trainer(self.capture, self.recipe(variant, seed), run, device=self.device).train()
         seconds = self.effort(VARIANTS[variant.time_of], seed)["cpu_seconds"]
         return timed_training.train(make_rival(variant.name, self.fitted, self.part, seed), run, seconds, seed)
 
