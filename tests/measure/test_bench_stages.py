@@ -36,9 +36,10 @@ def bench() -> Bench:
 
 @pytest.fixture(scope="module")
 def body_alone() -> Bench:
-    """Without the boxes of hands and face, whose cost no image size changes."""
+    """Without the boxes of hands and face, whose cost no image size changes, and without a surface, which has a test of its own."""
     bench = Bench(quick=True, scale=0.05)
     bench.avatar.meta["untrained"] = ["face", "left_hand", "right_hand"]
+    bench.avatar.surface = None
     return bench
 
 
@@ -260,6 +261,7 @@ def test_whole_frames(body_alone):
     assert found["frame.view_1024_fps"].error["networks"] == "cpu"
     assert found["frame.view_1024_fps"].met is None, "a target of a GPU"
     assert found["frame.vs_paper_level"].value > 0
+    assert "frame.live" in body_alone.absent, "the surface was asked for"
     assert found["frame.everything_512_ms"].value == found["frame.everything_512.balanced.ms"].value
     assert (
         found["frame.everything_512.quality.ms"].error["depth_mean_mm"]
