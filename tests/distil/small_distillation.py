@@ -28,7 +28,7 @@ def make_small(monkeypatch: pytest.MonkeyPatch) -> list[Signals]:
             still[id(self)] = observe(self, Signals.rest())
         return still[id(self)]
 
-    monkeypatch.setattr(mesh_module, "CELL", 0.012)
+    monkeypatch.setattr(mesh_module, "CELL", 0.016)
     monkeypatch.setattr("avatarrex.distil.hidden.SIDE", 512)
     monkeypatch.setattr(module, "rest_mesh", lambda avatar: whole_mesh(avatar, TRIANGLES))
     monkeypatch.setattr(module, "texels", lambda uv, uv_faces, *size: whole_texels(uv, uv_faces, TEXELS, TEXELS))
