@@ -261,7 +261,7 @@ def test_whole_frames(body_alone):
     assert found["frame.view_1024_fps"].error["networks"] == "cpu"
     assert found["frame.view_1024_fps"].met is None, "a target of a GPU"
     assert found["frame.vs_paper_level"].value > 0
-    assert "frame.live" in body_alone.absent, "the surface was asked for"
+    assert "frame.live" in body_alone.absent, "the surface is looked for"
     assert found["frame.everything_512_ms"].value == found["frame.everything_512.balanced.ms"].value
     assert (
         found["frame.everything_512.quality.ms"].error["depth_mean_mm"]
