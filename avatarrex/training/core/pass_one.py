@@ -21,6 +21,7 @@ from torch import Tensor, nn
 from avatarrex.avatar import Avatar
 from avatarrex.camera import Camera
 from avatarrex.fields.code import embedding_loss, kl_loss, node_loss, sample_latent
+from avatarrex.fields.orthographic import render_places, render_views
 from avatarrex.parts.face import face_state
 from avatarrex.pointmap.rays import RayPlane, Rays
 from avatarrex.templates.model import EYES
@@ -39,7 +40,7 @@ from avatarrex.training.core.outline import closest
 from avatarrex.training.core.pixels import Box, PixelBatch, draw_outline, draw_pixels
 from avatarrex.training.core.process_group import ALONE, ProcessGroup
 from avatarrex.training.core.sampling import RaySamples, Walk, draw, noise_of
-from avatarrex.training.core.supervision import beneath, hidden_at_rest, shown_skin
+from avatarrex.training.core.supervision import hidden_at_rest, shown_skin
 from avatarrex.training.core.trained_field import FACE, TrainedBody, TrainedFace, TrainedField, face_alone
 from avatarrex.training.core.volume_rendering import render_weights
 from avatarrex.training.recipe import PassOne
@@ -47,9 +48,7 @@ from avatarrex.training.recipe import PassOne
 SHOWN = 1e-3
 """The colour of samples with a smaller share of their ray is not evaluated: together below 1/255."""
 SKIN_POINTS, OWN = 1000, 0.999
-"""Points of a face's mesh drawn for the skin term, and ω from which they are the face's alone."""
-ON_EYES = 0.25
-"""Share of them on eyeballs, a hundredth of what is seen of a face: by so few the surface closed over them a millimetre before."""
+"""Vertices of a face drawn for the skin term, and ω from which they are the face's alone."""
 EIKONAL_POINTS = 256
 """Per frame, half of them at ray samples, half spread over the part's space."""
 
@@ -214,6 +213,7 @@ class FacePass(VolumePass):
     def __init__(self, avatar: Avatar, store: FrameStore, recipe: PassOne, seed: int) -> None:
         super().__init__(avatar, store, recipe, seed)
         self._skin: dict[int, Tensor] = {}
+        self._eyes: dict[int, Tensor] = {}
 
     def parameters(self) -> list[nn.Parameter]:
         """See `VolumePass`."""
@@ -224,7 +224,10 @@ class FacePass(VolumePass):
         driven = face_state(frame.volume.states).planes.driven
         planes, terms = self.avatar.face.geometry_planes(driven), {}
         if self._knows_mesh:
-            points = self._mesh_points(frame, noise)
+            shown = self._shown_skin(frame)
+            count = SKIN_POINTS if len(shown) else 0
+            chosen = shown[torch.randint(max(len(shown), 1), (count,), generator=noise)]
+            points = torch.cat([frame.posed.parts["face"][chosen], self._seen_of_eyes(frame)])
             terms["skin"] = skin_loss(self.avatar.face.sdf(planes, points))
         return TrainedFace(self.avatar, frame, planes), terms
 
@@ -236,38 +239,25 @@ class FacePass(VolumePass):
             return False
         return person.fit is None or len({view for _, view in self.store.pairs}) > 1
 
-    def _mesh_points(self, frame: TrainingFrame, noise: torch.Generator) -> Float[Tensor, "p 3"]:
-        """Drawn evenly on the triangles of the frame's mesh that are compared, of them `ON_EYES` on eyeballs; none where none is."""
-        mesh, faces = frame.posed.parts["face"], self.avatar.face.faces
-        compared = torch.zeros(len(mesh), dtype=torch.bool)
-        compared[self._shown_skin(frame)] = True
-        shown = faces[compared[faces].all(1)]
-        if not len(shown):
-            return mesh[:0]
-        corner, on_eye = mesh[shown], self._eye[shown].all(1)
-        share = torch.linalg.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]).norm(dim=1)
-        for some, part in ((on_eye, ON_EYES), (~on_eye, 1 - ON_EYES)):
-            share[some] *= part / share[some].sum()
-        chosen = corner[torch.multinomial(share, SKIN_POINTS, replacement=True, generator=noise)]
-        weight = mesh.new_empty(SKIN_POINTS, 3, 1).exponential_(
-            generator=noise
-        )  # shares of their sum are even on a triangle
-        return (chosen * weight).sum(1) / weight.sum(1)
-
-    @cached_property
-    def _eye(self) -> Tensor:
-        return self.avatar.person.face.model.of_groups(EYES)
-
     def _shown_skin(self, frame: TrainingFrame) -> Tensor:
-        """Vertices of a frame's face that are the face's alone and can be seen, without those that lips and lids hide at rest, and of
-        eyeballs those over which a lid lies now."""
+        """Vertices of a frame's face that are the face's alone and can be seen, without those that lips and lids hide at rest."""
         if frame.index not in self._skin:
             face, template = self.avatar.face, self.avatar.person.face
             mesh = frame.posed.parts["face"].to(face.box_centre)
             own = shown_skin(face, mesh, self._inner) & (template.blend_weight > OWN)
-            own &= ~beneath(mesh, face.faces, self._eye)
             self._skin[frame.index] = torch.nonzero(own)[:, 0]
         return self._skin[frame.index]
+
+    def _seen_of_eyes(self, frame: TrainingFrame) -> Float[Tensor, "p 3"]:
+        """Points on a frame's eyeballs, a millimetre apart: where pixels of the front view show one, between its lids. Hardly a vertex is
+        an eyeball's: compared at vertices alone, the surface closed over the eyes a millimetre before them."""
+        if frame.index not in self._eyes:
+            face, mesh = self.avatar.face, frame.posed.parts["face"]
+            of_eye = self.avatar.person.face.model.of_groups(EYES)[:, None].expand(-1, 3)
+            shown = render_views(mesh, face.faces, of_eye.float(), face.box)[0, 0] == 1
+            place = render_places(mesh, face.faces, face.box)[0, :3, shown].T
+            self._eyes[frame.index] = (face.box.half * place + face.box.centre).to(mesh)
+        return self._eyes[frame.index]
 
     @cached_property
     def _inner(self) -> Tensor:

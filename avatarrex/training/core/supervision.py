@@ -20,11 +20,9 @@ from avatarrex.fields.orthographic import AXES, VIEW_PIXELS, before, render_plac
 from avatarrex.fields.template_distance import TemplateDistance
 from avatarrex.ops.closest_point import closest_point
 from avatarrex.ops.crossings import winding
-from avatarrex.ops.outer_triangle import outer_triangle
 from avatarrex.ops.pseudonormal import pseudonormals
 from avatarrex.ops.rotation import matrix_from_rotvec
 from avatarrex.ops.search_tree import SearchTree
-from avatarrex.parts.carried import REACH
 from avatarrex.signals.driving import Signals
 from avatarrex.templates.mesh import vertex_normals
 from avatarrex.templates.posed import PosedPerson, pose_person
@@ -128,18 +126,6 @@ def shown_skin(field: FaceField, mesh: Tensor, inner: Tensor) -> Tensor:
     """(v,) vertices of a posed face mesh (v, 3) that a look shows, eyeballs included, without those that are `inner` at rest: lips and
     lids slide over them."""
     return _shown(field, mesh, *_looks(field, mesh, None)) & ~inner
-
-
-def beneath(mesh: Tensor, faces: Tensor, some: Tensor) -> Tensor:
-    """(v,) those of `some` vertices (v,) of a posed face mesh (v, 3) over which, along their normals, something else lies: of eyeballs
-    what closed lids cover."""
-    rows, normals = torch.nonzero(some)[:, 0], vertex_normals(mesh, faces)
-    points, outwards = (each[rows].double().numpy() for each in (mesh, normals))
-    tree = SearchTree.of_triangles(mesh.double().numpy(), faces.numpy())
-    outer = torch.from_numpy(outer_triangle(tree, points, outwards, REACH)[0])
-    found = torch.zeros_like(some)
-    found[rows] = ~some[faces[outer]].all(1)
-    return found
 
 
 def distances_before(
