@@ -12,9 +12,11 @@ import torch
 from avatarrex.avatar import Avatar
 from avatarrex.avatar_file import load_avatar
 from avatarrex.counters import Counters
+from avatarrex.ops.closest_point import closest_point
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.joints import EXPRESSION_NAMES
 from avatarrex.templates.face_offsets import FaceOffsets
+from avatarrex.templates.model import EYES
 from avatarrex.templates.person import load_person, resize_person
 from avatarrex.templates.person_fit import PersonFit
 from avatarrex.templates.posed import pose_person
@@ -101,6 +103,30 @@ def test_only_a_known_face_is_compared(stage: FacePass, frame: TrainingFrame, mo
     monkeypatch.setattr(FrameStore, "pairs", [(0, 1), (5, 1)])  # one camera
     assert skin_term(stage_of(fitted), frame) is None
     assert skin_term(stage_of(stage.avatar), frame) == term
+
+
+def test_of_eyeballs_is_compared_what_lies_between_lids(stage: FacePass, frame: TrainingFrame) -> None:
+    """On both at rest; less of one that is half open, nothing of a closed one."""
+    faces, eye = stage.avatar.face.faces, stage.avatar.person.face.model.of_groups(EYES)
+    found = []
+    for number, blink in enumerate((0.0, 0.5, 1.0)):
+        one = frame_of(stage.avatar, 10 + number, eyeBlinkLeft=blink)
+        points = stage._seen_of_eyes(one)
+        on = closest_point(one.posed.parts["face"], faces, points)
+        assert on.sdf.abs().max() < 1e-6
+        assert eye[faces[on.face]].all()
+        found.append(((points[:, 0] > 0).sum().item(), (points[:, 0] < 0).sum().item()))
+    (left, right), (half, _), (closed, other) = found
+    assert min(left, right) > 100
+    assert 20 < half < 0.8 * left
+    assert (closed, other) == (0, right)
+    before = skin_term(stage, frame)
+    stage._eyes[frame.index] = stage._seen_of_eyes(frame) + torch.tensor([0, 0, 0.005])
+    after = skin_term(stage, frame)
+    del stage._eyes[frame.index]
+    assert before is not None
+    assert after is not None
+    assert after > before + 0.1, "points 5 mm off the eyes count"
 
 
 def test_where_nothing_is_shown_nothing_is_compared(frame: TrainingFrame) -> None:

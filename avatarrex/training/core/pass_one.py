@@ -254,7 +254,7 @@ class FacePass(VolumePass):
         if frame.index not in self._eyes:
             face, mesh = self.avatar.face, frame.posed.parts["face"]
             of_eye = self.avatar.person.face.model.of_groups(EYES)[:, None].expand(-1, 3)
-            shown = render_views(mesh, face.faces, of_eye.float(), face.box)[0, 0] == 1
+            shown = render_views(mesh, face.faces, of_eye.float(), face.box)[0, 0] > 0.5
             place = render_places(mesh, face.faces, face.box)[0, :3, shown].T
             self._eyes[frame.index] = (face.box.half * place + face.box.centre).to(mesh)
         return self._eyes[frame.index]
