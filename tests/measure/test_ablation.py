@@ -21,12 +21,14 @@ from avatarrex.counters import Counters
 from avatarrex.errors import InputError
 from avatarrex.fields.presets import PRESETS
 from avatarrex.measure.__main__ import run
+from avatarrex.measure.ablation.command import STOPPED
 from avatarrex.measure.ablation.report import MEASURES, answers, plot, rows, table, to_json
 from avatarrex.measure.ablation.step_timing import StepTiming, step_timing
 from avatarrex.measure.ablation.study import Study
 from avatarrex.measure.ablation.variants import QUESTIONS, VARIANTS, chosen_variants, recipe_of, scaled
 from avatarrex.measure.volume_drawer import VolumeDrawer
 from avatarrex.metrics.drawing import AvatarDrawer
+from avatarrex.metrics.perceptual import Perceptual
 from avatarrex.pipeline import render_frame
 from avatarrex.settings import RenderSettings
 from avatarrex.signals.driving import Signals
@@ -276,11 +278,12 @@ def test_minutes_scale_the_steps(capture, tmp_path, monkeypatch):
 def test_steps_are_timed_where_networks_are_trained(capture, monkeypatch):
     """On a GPU by the wall's clock: the processor only waits."""
     placed: list[str] = []
-    monkeypatch.setattr(Avatar, "place", lambda self, device: placed.append(device))
+    for module in (Avatar, Perceptual):
+        monkeypatch.setattr(module, "place", lambda self, device: placed.append(f"{type(self).__name__} on {device}"))
     monkeypatch.setattr("time.process_time", lambda: 0.0)
     timing = step_timing(capture, TINY, "body", 0, "meta")
     assert min(timing.fixed, timing.passes) > 0
-    assert placed == ["meta"]
+    assert placed == ["Avatar on meta", "Perceptual on meta"]
 
 
 def test_a_study_trains_and_times_on_its_device(capture, tmp_path, monkeypatch):
@@ -302,10 +305,33 @@ def test_a_study_trains_and_times_on_its_device(capture, tmp_path, monkeypatch):
     study = Study(tmp_path, capture, "body", TINY, minutes=1.0, device="meta")
     assert study.finish(VARIANTS["plain"], 0) is None
     assert devices == ["meta", "meta"]
+    with pytest.raises(InputError, match="device: expected cpu, as requested"):
+        Study(tmp_path, capture, "body", TINY, minutes=1.0)
 
 
-def test_rivals_are_not_timed_on_a_gpu(capture, tmp_path):
+def test_what_takes_processor_time_is_refused_on_a_gpu(capture, tmp_path):
     words = ["ablation", str(capture.path), "--out", str(tmp_path / "study"), "--device", "cuda"]
-    with pytest.raises(InputError, match="--device: image-translation: expected cpu, "):
-        run([*words, "--variants", "full,image-translation", "--held-out-frames", "2:3"])
+    for variant in ("image-translation", "uniform-64-time"):
+        with pytest.raises(InputError, match=f"--device: {variant}: expected cpu, "):
+            run([*words, "--variants", variant, "--held-out-frames", "2:3"])
     assert not (tmp_path / "study").exists()
+
+
+def test_the_device_goes_from_the_command_to_the_study(capture, tmp_path, monkeypatch):
+    found: list[str] = []
+    monkeypatch.setattr("avatarrex.measure.ablation.command.device_named", lambda name: name)
+    monkeypatch.setattr(Study, "finish", lambda self, variant, seed: found.append(self.device))
+    monkeypatch.setattr("avatarrex.measure.ablation.command.rows", lambda *given: [])
+    monkeypatch.setattr("avatarrex.measure.ablation.command.table", lambda *given: "")
+    words = [
+        "ablation",
+        str(capture.path),
+        "--out",
+        str(tmp_path / "study"),
+        "--held-out-frames",
+        "2:3",
+        "--seeds",
+        "0",
+    ]
+    assert run([*words, "--variants", "plain", "--device", "meta"]) == STOPPED
+    assert found == ["meta"]

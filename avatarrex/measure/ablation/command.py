@@ -35,7 +35,11 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add("--recipe", default="quick", metavar="R", help=what)
     for name, old in (("variants", "--arms"), ("recipe", "--preset")):  # still accepted
         add(old, dest=name, default=argparse.SUPPRESS, help=argparse.SUPPRESS)
-    add("--minutes", metavar="M", help="length of every variant, instead of the recipe's steps")
+    add(
+        "--minutes",
+        metavar="M",
+        help="length of every variant, instead of the recipe's steps; of the processor, on a GPU of the wall",
+    )
     add("--scale", metavar="F", default="1", help="times the recipe's steps and schedules, for every variant")
     add("--parts", default="body", choices=("body", "face"), help="what is studied (body)")
     add("--held-out-frames", metavar="A:B:S", help="frames kept from training, instead of the capture's own")
@@ -55,9 +59,9 @@ def run(options: argparse.Namespace) -> int:
     if options.plot:
         require_matplotlib()
     check(not (options.json and Path(options.json).is_dir()), options.json, "", "a file to write", "a folder")
-    rivals = ", ".join(variant.name for variant in variants if variant.rival)
-    wanted = "cpu, for rivals take the processor time of another variant"
-    check(options.device == "cpu" or not rivals, "--device", rivals, wanted, options.device)
+    timed = ", ".join(variant.name for variant in variants if variant.time_of)
+    wanted = "cpu, for they take the processor time of another variant"
+    check(options.device == "cpu" or not timed, "--device", timed, wanted, options.device)
     device = str(device_named(options.device))
     recipe = scaled(RECIPES[options.recipe], options.parts, factor)
     study = Study(Path(options.out), _opened(options), options.parts, recipe, minutes, device)

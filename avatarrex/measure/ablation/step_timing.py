@@ -1,7 +1,7 @@
 """How long a recipe takes here: a pilot of a few steps, for variants that are to take a given time.
 
 The real warm start, then `PILOT` steps spread over each pass, twice: the second time every frame is posed already, the
-difference is what posing a frame and making its volume costs. Processor seconds; of the wall where networks run on a GPU.
+difference is what posing a frame and making its volume costs. Processor seconds, or wall seconds where networks run on a GPU.
 """
 
 from __future__ import annotations

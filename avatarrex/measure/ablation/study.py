@@ -81,6 +81,7 @@ class Study:
             "capture": str(path),
             "part": self.part,
             "minutes": self.minutes,
+            "device": self.device,
             "held_out": {"frames": sorted(self.rig.held_out_frames), "views": sorted(self.rig.held_out_views)},
             "base": _plain(self.base),
         }
@@ -90,6 +91,7 @@ class Study:
                 found["base"] = _plain(Recipe.from_json(found["base"]))
             except (KeyError, TypeError, ValueError) as error:
                 raise InputError(self.folder, "study.json: base", "a recipe of this version", error) from None
+            found.setdefault("device", "cpu")  # before there was a choice
             _same(self.folder, "", about, {key: found.get(key) for key in about})
         self.about: dict[str, Any] = found or {**about, "recipes": {}}
         self.folder.mkdir(parents=True, exist_ok=True)
@@ -206,7 +208,7 @@ class Study:
             **trained,
             "parameters": sum(parameter.numel() for parameter in networks.parameters()),
             "samples_per_ray": None if variant.rival else _steady(folder, tag, trained["steps"][0]),
-            "device": device(),
+            "device": machine(self.device),
         }
 
     def _trained(self, variant: Variant, seed: int) -> tuple[Drawer, nn.Module, dict[str, Any]]:
@@ -228,7 +230,13 @@ class Study:
         found = self._evaluated([AvatarDrawer(avatar), slow], views, frames)
         trained = self.evaluation(of, seed) or self._measure(of, seed)
         kept = {key: trained[key] for key in ("seed", "steps", "seconds", "cpu_seconds", "parameters")}
-        return {**found, **kept, "variant": variant.name, "samples_per_ray": slow.samples, "device": device()}
+        return {
+            **found,
+            **kept,
+            "variant": variant.name,
+            "samples_per_ray": slow.samples,
+            "device": machine(self.device),
+        }
 
     def _evaluated(self, drawers: list[Any], views: list[int], frames: list[int] | None = None) -> dict[str, Any]:
         """`subjects`: means on held-out poses by drawer, with the seconds that a picture took."""
@@ -285,9 +293,10 @@ class Timed:
         return drawing
 
 
-def device() -> str:
-    """What it ran on."""
-    return f"{platform.machine()} CPU, {torch.get_num_threads()} threads, torch {torch.__version__}"
+def machine(device: str) -> str:
+    """What it ran on, with networks trained on `device`."""
+    trained = "" if device == "cpu" else f", networks trained on {device}"
+    return f"{platform.machine()} CPU, {torch.get_num_threads()} threads, torch {torch.__version__}{trained}"
 
 
 def _steady(folder: Path, tag: str, steps: int) -> float | None:
