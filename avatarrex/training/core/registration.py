@@ -120,18 +120,19 @@ class _Pixels:
         weight = weight / (1 + np.square(residual).mean(1) / STRAY**2) ** 2
         curved = weight[:, None, None] * (jacobian.transpose(0, 2, 1) @ jacobian)
         assert avatar.body.slide is not None
-        now = self._slid(avatar.body.slide.share.cpu().numpy()), height
+        now = avatar.body.slide.share.cpu().numpy(), height
         pull = weight[:, None] * np.einsum("pck,pc->pk", jacobian, residual)
+        share, along = self._gathered(pull)
         self.borders.weigh(height)
-        share, along = self._slope(-pull, weight, *now)
-        right = _joined(-share, self.borders.wanted - along)
+        right = _joined(share, along + self.borders.wanted) - _joined(*self._penalty(weight, *now))
 
         def product(values: np.ndarray) -> np.ndarray:
             share, rise = self._split(values)
-            slid = self._slid(share)
-            moved = slid + (self.carried @ rise)[:, None] * self.parallax
-            pulled = self._slope(np.einsum("pkc,pc->pk", curved, moved), weight, slid, rise)
-            found: np.ndarray = _joined(*pulled) + np.float32(1e-3) * values
+            moved = self._slid(share) + (self.carried @ rise)[:, None] * self.parallax
+            pulled = self._gathered(np.einsum("pkc,pc->pk", curved, moved))
+            found: np.ndarray = (
+                _joined(*pulled) + _joined(*self._penalty(weight, share, rise)) + np.float32(1e-3) * values
+            )
             return found
 
         system = LinearOperator((right.size, right.size), matvec=product, dtype=np.float32)
@@ -145,21 +146,23 @@ class _Pixels:
 
     def _slid(self, share: np.ndarray) -> np.ndarray:
         """Δ (p, 3)."""
-        found: np.ndarray = np.einsum("pj,pcj->pc", self.reach @ share, self.basis)
+        found: np.ndarray = np.einsum("pj,pjc->pc", self.reach @ share, self.basis)
         return found
+
+    def _gathered(self, pull: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """What moves the pixels, transposed: (p, 3) onto s and δ."""
+        along = self.carried.T @ np.einsum("pk,pk->p", pull, self.parallax)
+        return self._of_nodes(pull), along
 
     def _of_nodes(self, pull: np.ndarray) -> np.ndarray:
         """`_slid` transposed."""
-        found: np.ndarray = self.mask * (self.reach.T @ np.einsum("pcj,pc->pj", self.basis, pull))
+        found: np.ndarray = self.mask * (self.reach.T @ np.einsum("pjc,pc->pj", self.basis, pull))
         return found
 
-    def _slope(
-        self, pull: np.ndarray, weight: np.ndarray, slid: np.ndarray, rise: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Half the slope in s and δ: of what pulls at the pixels (p, 3), and of what Δ (p, 3) and δ cost."""
-        along = np.einsum("pk,pk->p", pull, self.parallax) + LEVEL * weight * (self.carried @ rise)
-        level = self.uneven @ rise + self.borders.form @ rise
-        return self._of_nodes(pull + STILL * weight[:, None] * slid), self.carried.T @ along + level
+    def _penalty(self, weight: np.ndarray, share: np.ndarray, rise: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Half the slope of what s and δ cost."""
+        slid, up = STILL * weight[:, None] * self._slid(share), LEVEL * weight * (self.carried @ rise)
+        return self._of_nodes(slid), self.carried.T @ up + self.uneven @ rise + self.borders.form @ rise
 
 
 class _Borders:
@@ -180,9 +183,9 @@ class _Borders:
 
 
 def _moves(one: Sighting, rows: Tensor) -> tuple[np.ndarray, np.ndarray, csr_matrix]:
-    """Of a sighting's `rows`: (p, 3, j) the slide's basis, (p, 3) q, (p, a) the samples that carry them."""
+    """Of a sighting's `rows`: (p, j, 3) the slide's basis, (p, 3) q, (p, a) the samples that carry them."""
     samples, beside = one.samples, one.beside.rows(rows)
-    moves = slide_basis(samples.rest_from_posed, one.posed.body.skinning, samples.rest).transpose(1, 2)
+    moves = slide_basis(samples.rest_from_posed, one.posed.body.skinning, samples.rest)
     carried = _matrix(beside, len(samples.rest))
     linear = beside.mean(samples.rest_from_posed[:, :, :3].flatten(1)).unflatten(1, (3, 3))
     basis = (carried @ moves.flatten(1).numpy()).reshape(-1, *moves.shape[1:])
