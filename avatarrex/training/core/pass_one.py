@@ -49,6 +49,8 @@ SHOWN = 1e-3
 """The colour of samples with a smaller share of their ray is not evaluated: together below 1/255."""
 SKIN_POINTS, OWN = 1000, 0.999
 """Vertices of a face drawn for the skin term, and ω from which they are the face's alone."""
+LIDS = 0.005
+"""Metres about an eyeball in which lids are compared as densely as it is."""
 EIKONAL_POINTS = 256
 """Per frame, half of them at ray samples, half spread over the part's space."""
 
@@ -240,24 +242,31 @@ class FacePass(VolumePass):
         return person.fit is None or len({view for _, view in self.store.pairs}) > 1
 
     def _shown_skin(self, frame: TrainingFrame) -> Tensor:
-        """Vertices of a frame's face that are the face's alone and can be seen, without those that lips and lids hide at rest."""
+        """Vertices of a frame's face that are the face's alone and can be seen, but for eyeballs and what lips and lids hide at rest."""
         if frame.index not in self._skin:
             face, template = self.avatar.face, self.avatar.person.face
             mesh = frame.posed.parts["face"].to(face.box_centre)
-            own = shown_skin(face, mesh, self._inner) & (template.blend_weight > OWN)
+            own = shown_skin(face, mesh, self._inner) & (template.blend_weight > OWN) & ~template.model.of_groups(EYES)
             self._skin[frame.index] = torch.nonzero(own)[:, 0]
         return self._skin[frame.index]
 
     def _seen_of_eyes(self, frame: TrainingFrame) -> Float[Tensor, "p 3"]:
-        """Points on a frame's eyeballs, a millimetre apart: where pixels of the front view show one, between its lids. Hardly a vertex is
-        an eyeball's: compared at vertices alone, the surface closed over the eyes a millimetre before them."""
+        """Points on a frame's eyeballs and lids, those of every second row of the front view's pixels, a millimetre each: what is seen
+        there, open or closed. Hardly a vertex is an eyeball's: compared at vertices alone, the surface closed a millimetre before them."""
         if frame.index not in self._eyes:
             face, mesh = self.avatar.face, frame.posed.parts["face"]
-            of_eye = self.avatar.person.face.model.of_groups(EYES)[:, None].expand(-1, 3)
-            shown = render_views(mesh, face.faces, of_eye.float(), face.box)[0, 0] > 0.5
-            place = render_places(mesh, face.faces, face.box)[0, :3, shown].T
+            marked = self._about_eyes[:, None].expand(-1, 3).float()
+            shown = render_views(mesh, face.faces, marked, face.box)[0, 0, ::2] > 0.5
+            place = render_places(mesh, face.faces, face.box)[0, :3, ::2][:, shown].T
             self._eyes[frame.index] = (face.box.half * place + face.box.centre).to(mesh)
         return self._eyes[frame.index]
+
+    @cached_property
+    def _about_eyes(self) -> Tensor:
+        """(v,) eyeballs, and what lies within `LIDS` of them at rest."""
+        template = self.avatar.person.face
+        rest, eye = template.v_template, template.model.of_groups(EYES)
+        return torch.cdist(rest, rest[eye]).amin(1) < LIDS
 
     @cached_property
     def _inner(self) -> Tensor:
