@@ -142,6 +142,13 @@ LEARNING: dict[str, Mutant] = {
         "hidden_at_rest(face, template.v_template.to(face.box_centre))",
         "tests/training/test_known_face.py::test_what_can_be_seen_is_compared_and_nothing_within_lips",
     ),
+    "eyes by vertices alone": Mutant(
+        "what is learnt",
+        f"{CORE}/pass_one.py",
+        "[chosen], self._seen_of_eyes(frame)])",
+        "[chosen]])",
+        "tests/training/test_known_face.py::test_about_eyes_is_compared_what_the_front_shows",
+    ),
     "weights without effect": Mutant(
         "numbers of the paper",
         f"{CORE}/losses.py",
