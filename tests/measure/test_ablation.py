@@ -312,7 +312,7 @@ def test_a_study_trains_and_times_on_its_device(capture, tmp_path, monkeypatch):
 def test_what_takes_processor_time_is_refused_on_a_gpu(capture, tmp_path):
     words = ["ablation", str(capture.path), "--out", str(tmp_path / "study"), "--device", "cuda"]
     for variant in ("image-translation", "uniform-64-time"):
-        with pytest.raises(InputError, match=f"--device: {variant}: expected cpu, "):
+        with pytest.raises(InputError, match=f"--device: {variant}: expected cpu: "):
             run([*words, "--variants", variant, "--held-out-frames", "2:3"])
     assert not (tmp_path / "study").exists()
 

@@ -35,11 +35,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add("--recipe", default="quick", metavar="R", help=what)
     for name, old in (("variants", "--arms"), ("recipe", "--preset")):  # still accepted
         add(old, dest=name, default=argparse.SUPPRESS, help=argparse.SUPPRESS)
-    add(
-        "--minutes",
-        metavar="M",
-        help="length of every variant, instead of the recipe's steps; of the processor, on a GPU of the wall",
-    )
+    add("--minutes", metavar="M", help="processor minutes (on a GPU wall minutes) of every variant, not the recipe's steps")
     add("--scale", metavar="F", default="1", help="times the recipe's steps and schedules, for every variant")
     add("--parts", default="body", choices=("body", "face"), help="what is studied (body)")
     add("--held-out-frames", metavar="A:B:S", help="frames kept from training, instead of the capture's own")
@@ -60,7 +56,7 @@ def run(options: argparse.Namespace) -> int:
         require_matplotlib()
     check(not (options.json and Path(options.json).is_dir()), options.json, "", "a file to write", "a folder")
     timed = ", ".join(variant.name for variant in variants if variant.time_of)
-    wanted = "cpu, for they take the processor time of another variant"
+    wanted = "cpu: they take as much processor time as another variant"
     check(options.device == "cpu" or not timed, "--device", timed, wanted, options.device)
     device = str(device_named(options.device))
     recipe = scaled(RECIPES[options.recipe], options.parts, factor)

@@ -66,7 +66,7 @@ class Study:
     part: str
     base: Recipe
     minutes: float | None = None
-    """Of each variant, the processor's, or on a GPU the wall's; the base recipe's steps unless given."""
+    """Of each variant: processor minutes, on a GPU wall minutes; the base recipe's steps unless given."""
     device: str = "cpu"
     """Where networks are trained; pictures are drawn on the CPU."""
 
