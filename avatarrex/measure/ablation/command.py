@@ -35,7 +35,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add("--recipe", default="quick", metavar="R", help=what)
     for name, old in (("variants", "--arms"), ("recipe", "--preset")):  # still accepted
         add(old, dest=name, default=argparse.SUPPRESS, help=argparse.SUPPRESS)
-    add("--minutes", metavar="M", help="processor minutes (on a GPU wall minutes) of every variant, not the recipe's steps")
+    add("--minutes", metavar="M", help="processor minutes (GPU: wall) of every variant, not the recipe's steps")
     add("--scale", metavar="F", default="1", help="times the recipe's steps and schedules, for every variant")
     add("--parts", default="body", choices=("body", "face"), help="what is studied (body)")
     add("--held-out-frames", metavar="A:B:S", help="frames kept from training, instead of the capture's own")
