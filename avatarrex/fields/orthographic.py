@@ -83,6 +83,16 @@ def render_places(vertices: Float[Tensor, "v 3"], faces: Int[Tensor, "f 3"], box
     return render_views(vertices, faces, box.normalise(vertices).float(), box)
 
 
+def front_points(
+    vertices: Float[Tensor, "v 3"], faces: Int[Tensor, "f 3"], marked: Bool[Tensor, " v"], box: HeadBox, rows: int = 1
+) -> Float[Tensor, "p 3"]:
+    """Points of the mesh (head frame, metres) at the front view's pixels that show `marked` vertices for more than half, of every
+    `rows`-th row."""
+    shown = render_views(vertices, faces, marked[:, None].expand(-1, 3).float(), box)[0, 0, ::rows] > 0.5
+    place = render_places(vertices, faces, box)[0, :3, ::rows][:, shown].T
+    return (box.half * place + box.centre).to(vertices)
+
+
 def before(points: Float[Tensor, "p 3"], places: Float[Tensor, "3 7 h w"], box: HeadBox) -> Float[Tensor, "3 p"]:
     """Metres by which what each view shows lies before points (head frame), to a texel's slope; −∞ where it shows nothing
     there, ∞ where it does not reach. `places`: of `render_places`."""

@@ -20,7 +20,7 @@ from avatarrex.capture.synthetic.variation import Variation
 from avatarrex.errors import InputError
 from avatarrex.gl.context import NoContext, gl_unavailable
 from avatarrex.measure.studies import sensor_noise
-from avatarrex.measure.studies.eyes import measured
+from avatarrex.measure.studies.face_regions import measured
 from avatarrex.measure.studies.sensor_noise import add_options, pictures, planned, run
 
 needs_gl = pytest.mark.skipif(gl_unavailable() is not None, reason=str(gl_unavailable()))

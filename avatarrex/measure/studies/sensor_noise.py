@@ -25,7 +25,7 @@ from avatarrex.capture.synthetic.plan import Plan, RigPlan, plan
 from avatarrex.capture.synthetic.variation import Variation
 from avatarrex.errors import InputError, check
 from avatarrex.gl.context import NoContext
-from avatarrex.measure.studies.eyes import MEASURES, measured
+from avatarrex.measure.studies.face_regions import MEASURES, measured
 from avatarrex.metrics.table import printed
 
 OPAQUE = 127

@@ -21,7 +21,7 @@ from torch import Tensor, nn
 from avatarrex.avatar import Avatar
 from avatarrex.camera import Camera
 from avatarrex.fields.code import embedding_loss, kl_loss, node_loss, sample_latent
-from avatarrex.fields.orthographic import render_places, render_views
+from avatarrex.fields.orthographic import front_points
 from avatarrex.parts.face import face_state
 from avatarrex.pointmap.rays import RayPlane, Rays
 from avatarrex.templates.model import EYES
@@ -255,10 +255,7 @@ class FacePass(VolumePass):
         there, open or closed. Hardly a vertex is an eyeball's: compared at vertices alone, the surface closed a millimetre before them."""
         if frame.index not in self._eyes:
             face, mesh = self.avatar.face, frame.posed.parts["face"]
-            marked = self._about_eyes[:, None].expand(-1, 3).float()
-            shown = render_views(mesh, face.faces, marked, face.box)[0, 0, ::2] > 0.5
-            place = render_places(mesh, face.faces, face.box)[0, :3, ::2][:, shown].T
-            self._eyes[frame.index] = (face.box.half * place + face.box.centre).to(mesh)
+            self._eyes[frame.index] = front_points(mesh, face.faces, self._about_eyes, face.box, rows=2)
         return self._eyes[frame.index]
 
     @cached_property
