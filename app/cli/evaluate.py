@@ -32,7 +32,11 @@ def add_options(verb: argparse.ArgumentParser) -> None:
     add("avatar", help="name, folder or .avatar file")
     add("capture", help="a folder or .zip")
     add("--rig", choices=("body", "face"), help="body, where there is one")
-    add("--frames", metavar="A:B:S,…", help="frames A to B (not included) in steps of S, or held-out: all of them (4 of each split)")
+    add(
+        "--frames",
+        metavar="A:B:S,…",
+        help="frames A to B (not included) in steps of S, or held-out: all of them (4 of each split)",
+    )
     add("--views", metavar="NAMES", help="cameras by name or number, comma separated (all)")
     options.add_held_out(verb, "cameras", "that were not trained on")
     add("--size", metavar="N", help="pixels of the longer side at most (the capture's)")

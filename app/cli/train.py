@@ -20,7 +20,6 @@ from avatarrex.training.recipe import RECIPES, Recipe, from_scratch
 if TYPE_CHECKING:
     from avatarrex.avatar import Avatar
     from avatarrex.capture.readers.rigs import Capture, Rig
-    from avatarrex.templates.person import Person
     from avatarrex.training.core.process_group import ProcessGroup
     from avatarrex.training.runs.folder import Run
 
@@ -254,6 +253,8 @@ def _fitted(capture: Capture, start: Avatar | None, arguments: argparse.Namespac
         raise InputError(arguments.capture, worst.where, expected, worst.what)
     if start is not None or capture.person.packaged:
         return capture
+    from avatarrex.training.runs.begun import begun_person
+
     begun = begun_person(Path(arguments.out)) if arguments.resume else None
     if begun is not None and begun.name == capture.person.name:
         return replace(capture, person=begun)
@@ -261,20 +262,6 @@ def _fitted(capture: Capture, start: Avatar | None, arguments: argparse.Namespac
     face = ", then its face to the face rig's pictures" if own else ""
     print(f"person: fitting the template's skin to the mattes{face}")
     return replace(capture, person=fit_geometry(sealed(capture, "train")))
-
-
-def begun_person(run: Path) -> Person | None:
-    """Whom a run has trained until now, by its newest checkpoint whose avatar can be read: what another version, or another machine,
-    would fit is somebody else."""
-    from avatarrex.avatar_file import load_avatar
-    from avatarrex.training.runs.checkpoint import AVATAR_FILE, found
-
-    for entry in reversed(found(run / "checkpoints")):
-        try:
-            return load_avatar(entry.path / AVATAR_FILE).person
-        except InputError as error:
-            log.info("%s", error)
-    return None
 
 
 def _with_body(capture: Capture, start: Avatar, source: str) -> Capture:

@@ -28,9 +28,9 @@ from avatarrex.distil.onto_field import onto_field
 from avatarrex.ops.closest_point import closest_point
 from avatarrex.signals.driving import Signals
 from avatarrex.surface.surface import INFLUENCES
-from avatarrex.templates.albedo import inside_mouth
-from avatarrex.templates.model import EYES, TEETH, TemplateModel
+from avatarrex.templates.model import EYES, TEETH
 from avatarrex.templates.parts import PARTS
+from avatarrex.templates.person import Person
 
 CELL = 0.006
 """Metres between samples of the cubes: as fine as cloth folds that a depth of 1 mm shows."""
@@ -145,7 +145,7 @@ def _joined(avatar: Avatar, exact: ExactPose, position: Float[Tensor, "p 3"], fa
     share = np.clip((omega[used].max(1) - PART_BEGINS) / (PART_ALONE - PART_BEGINS), 0, 1)[:, None]
     beside = weights[cKDTree(rest).query(body.v_template.numpy()[used])[1]]
     joint, weight = _strongest(np.concatenate([weights, beside + share * (body.weights.numpy()[used] - beside)]))
-    inner, mouth, open_rim = _inner(body, omega[:, PARTS.index("face")] > PART_BEGINS)
+    inner, mouth, open_rim = _inner(avatar.person, omega[:, PARTS.index("face")] > PART_BEGINS)
     all_rest = np.concatenate([rest, body.v_template.numpy()[used]]).astype(np.float32)
     own = own.reshape(-1, 3)
     own = np.concatenate([own, caps(own, open_rim[used])]) + len(rest)
@@ -169,12 +169,15 @@ def _joined(avatar: Avatar, exact: ExactPose, position: Float[Tensor, "p 3"], fa
     )
 
 
-def _inner(body: TemplateModel, face: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _inner(person: Person, face: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Vertices of the template (v,): eyes and what is hidden in the `face`; the mouth; its throat, which is open behind."""
+    body, ids = person.body, person.face.body_vertex_ids.numpy()
+    inside = np.zeros(len(body.v_template), bool)
+    inside[ids[person.face.inside.numpy() & (ids >= 0)]] = True
     teeth, eyes = (body.of_groups(names).numpy() for names in (TEETH, EYES))
     vertices, faces = body.v_template.double().numpy(), body.faces.numpy()
     unseen = hidden(vertices, faces, face)
-    mouth = joined_to(inside_mouth(body.v_template, body.groups).numpy(), unseen, faces)
+    mouth = joined_to(inside, unseen, faces)
     return eyes | unseen | mouth, mouth, mouth & ~teeth
 
 

@@ -1,7 +1,8 @@
 """Vertex colours of the face template: what conditions the face networks besides the surface (paper sec. 3.3).
 
-Skin, lips, brows, eye white, iris, pupil, teeth and tongue, placed by the model's own groups and joints. They tell the
-networks which part of the face a pixel shows; they are not the look. sRGB in [0, 1]; metres, head frame.
+Skin, lips, brows, eye white, iris, pupil, teeth and tongue, placed by the model's own groups and joints; a fitted person has those of
+the template's vertices (`labelled_as`). They tell the networks which part of the face a pixel shows; they are not the look. sRGB in [0, 1];
+metres, head frame.
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ those views; it is not the look. Letters: v vertices, f faces, e expression coef
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -21,7 +21,7 @@ from avatarrex.signals.driving import Signals
 from avatarrex.templates.albedo import inside_mouth, paint_albedo
 from avatarrex.templates.blend_weight import smooth_ramp
 from avatarrex.templates.mesh import pieces
-from avatarrex.templates.model import TEETH, TemplateModel, pose_template
+from avatarrex.templates.model import EYES, TEETH, TemplateModel, pose_template
 from avatarrex.templates.submodel import submodel
 
 NECK, HEAD, JAW, LEFT_EYE, RIGHT_EYE = 12, 15, 22, 23, 24
@@ -53,6 +53,8 @@ class FaceTemplate:
     albedo: Float[Tensor, "v 3"]
     """sRGB in [0, 1]."""
     body_vertex_ids: Int[Tensor, " v"]
+    inside: Bool[Tensor, " v"]
+    """Teeth, tongue and the skin of the mouth's cavity about them (`inside_mouth`)."""
 
     def coefficients(self, signals: Signals) -> np.ndarray:
         """(61,): ψ, then jaw and both eyes as rotation vectors."""
@@ -81,8 +83,9 @@ class FaceTemplate:
 
     @cached_property
     def mouth(self) -> Bool[Tensor, " v"]:
-        """What lips enclose: teeth, tongue and, of the skin about them, what is covered from the front: a fitted chin may lie there, too."""
-        inside = inside_mouth(self.v_template, self.model.groups)
+        """What lips enclose: teeth, tongue and, of the skin `inside`, what is covered from the front of this face: where labels do not stay,
+        a fitted chin may lie there, too."""
+        inside = self.inside.clone()
         named = [
             self.model.groups[name] for name in ("tongue", "upper_teeth", "lower_teeth") if name in self.model.groups
         ]
@@ -144,17 +147,31 @@ def cut_face(body: TemplateModel) -> FaceTemplate:
     groups = {name: index[rows][index[rows] >= 0] for name, rows in body.groups.items()}
     model = submodel(body, [HEAD, JAW, LEFT_EYE, RIGHT_EYE], lambda values: values[ids], faces, groups)
     albedo = paint_albedo(model.v_template, model.joint_template[2:], groups)
-    return FaceTemplate(model, paint_face(body)[ids], albedo, ids)
+    return FaceTemplate(model, paint_face(body)[ids], albedo, ids, inside_mouth(model.v_template, groups))
 
 
-def paint_face(body: TemplateModel) -> Float[Tensor, " v"]:
-    """ω of the face on the body's vertices, at rest: a product of three ramps; inner parts belong to the face."""
+def labelled_as(face: FaceTemplate, body: TemplateModel, sized: TemplateModel) -> FaceTemplate:
+    """`face`, cut from `sized`, which is `body` in another size, with the lips, brows and mouth that the vertices of `body` have: where a
+    fitted face has its teeth and eyes says less of where its lips and brows are. Irises are where its eyeballs look ahead."""
+    ids, groups = face.body_vertex_ids, face.model.groups
+    rest, eyes = (
+        each - body.joint_template[HEAD] for each in (body.v_template[ids], body.joint_template[[LEFT_EYE, RIGHT_EYE]])
+    )
+    ball = face.model.of_groups(EYES)[:, None]
+    albedo = torch.where(ball, face.albedo, paint_albedo(rest, eyes, groups))
+    omega = paint_face(sized, inside_mouth(body.v_template, body.groups))[ids]
+    return replace(face, blend_weight=omega, albedo=albedo, inside=inside_mouth(rest, groups))
+
+
+def paint_face(body: TemplateModel, inside: Bool[Tensor, " v"] | None = None) -> Float[Tensor, " v"]:
+    """ω of the face on the body's vertices, at rest: a product of three ramps; what is `inside` the mouth (by where its teeth are, unless
+    told) and eyeballs belong to the face."""
     eyes = body.joint_template[[LEFT_EYE, RIGHT_EYE]]
     _, up, front = (body.v_template - eyes.mean(0)).unbind(-1)
     jaw = above_jaw_line(body)
     omega = smooth_ramp(-up, -HAIR_LINE[0], -HAIR_LINE[1]) * smooth_ramp(front, *EARS) * smooth_ramp(jaw, *THROAT)
     omega = torch.where(_on_head(body), omega, torch.zeros_like(omega))
-    omega[inside_mouth(body.v_template, body.groups)] = 1
+    omega[inside_mouth(body.v_template, body.groups) if inside is None else inside] = 1
     for name in ("left_eye", "right_eye"):
         if name in body.groups:
             omega[body.groups[name]] = 1

@@ -1,7 +1,7 @@
 """A person's templates together: body, both hands, face, and the painted weights that compose them.
 
 The packaged person, one from an `.npz` in its layout, or a folder of models as they are published (docs/formats.md). A `PersonFit` gives
-it another body's size: what lies on the body is made once more on the one of that size.
+it another body's size: what lies on the body is made once more on the one of that size, but for which vertices are lips, brows and mouth.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from avatarrex.files.assets import DATA, read_npz
 from avatarrex.files.gate import what_is
 from avatarrex.files.stamp import Stamp, stamp
 from avatarrex.signals.joints import JOINT_NAMES
-from avatarrex.templates.face import FaceTemplate, cut_face, paint_face
+from avatarrex.templates.face import FaceTemplate, cut_face, labelled_as, paint_face
 from avatarrex.templates.hand import HandTemplate, cut_hand
 from avatarrex.templates.model import TemplateModel
 from avatarrex.templates.model_arrays import hash_arrays, read_model, real
@@ -156,8 +156,17 @@ def resize_person(person: Person, fit: PersonFit) -> Person:
     )
     resized = replace(person.body, v_template=vertices, joint_template=joints, expression_dirs=directions)
     digest = hashlib.sha256((person.hash + json.dumps(fit.to_json())).encode())
-    whole = _whole(resized, person.make_parts, person.name, digest.hexdigest()[:16])
-    return replace(whole, fit=fit, shape_key=person.shape_key, pelvis=person.pelvis, sex=person.sex)
+
+    def parts(body: TemplateModel) -> Parts:
+        left, right, face = person.make_parts(body)
+        if fit.labels_stay and (face.body_vertex_ids >= 0).all():
+            face = labelled_as(face, person.body, body)
+        return left, right, face
+
+    whole = _whole(resized, parts, person.name, digest.hexdigest()[:16])
+    return replace(
+        whole, fit=fit, shape_key=person.shape_key, pelvis=person.pelvis, sex=person.sex, make_parts=person.make_parts
+    )
 
 
 def _whole(body: TemplateModel, make_parts: Callable[[TemplateModel], Parts], name: str, hash: str) -> Person:

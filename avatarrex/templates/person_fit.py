@@ -2,7 +2,8 @@
 
 The skin follows the joints' offsets by the smooth field that interpolates them, φ(r) = r with an affine part, in which a
 bone takes its flesh along evenly; then its own offsets are added. Eyeballs turn about their joints: they and their lids
-stay there where the skin has offsets (`eyes_stay`). Letters: v vertices, j joints, n offsets. Metres, root frame.
+stay there where the skin has offsets (`eyes_stay`); lips, brows and mouth stay the vertices that they are (`labels_stay`).
+Letters: v vertices, j joints, n offsets. Metres, root frame.
 """
 
 from __future__ import annotations
@@ -76,6 +77,10 @@ class PersonFit:
     surface: SurfaceOffsets | None = None
     face: FaceOffsets | None = None
     """What its face differs by, at rest and with expressions; None: the template's."""
+    labels_stay: bool = True
+    """Whether lips, brows and mouth are the vertices that they are on the template. False in the files of fits before 2026-11-28: there
+    they are where the resized face has its teeth and eyes, and a fitted chin may be labelled as mouth. A face with a mesh of its own always
+    has its own labels."""
 
     def __post_init__(self) -> None:
         for name, shape in (("shape", (10,)), ("joint_offsets", (55, 3))):
@@ -95,12 +100,12 @@ class PersonFit:
                 fit["surface"]["eyes_stay"] = True
         if self.face is not None:
             fit["face"] = self.face.to_json()
-        return fit
+        return fit | ({"labels_stay": True} if self.labels_stay else {})
 
     @classmethod
     def from_json(cls, data: Any, source: str | Path) -> PersonFit:
         """From `to_json`'s object. Raises `InputError`."""
-        if not isinstance(data, dict) or set(data) - {"surface", "face"} != {"shape", "joint_offsets"}:
+        if not isinstance(data, dict) or set(data) - {"surface", "face", "labels_stay"} != {"shape", "joint_offsets"}:
             raise InputError(source, "person_fit", "an object with shape and joint_offsets", repr(data)[:60])
         try:
             shape, offsets = (np.array(data[name], dtype=np.float64) for name in ("shape", "joint_offsets"))
@@ -111,7 +116,7 @@ class PersonFit:
                 surface = SurfaceOffsets(tuple(map(int, data["surface"]["vertices"])), moved, stay)
             if "face" in data:
                 face = FaceOffsets.from_json(data["face"])
-            return cls(shape, offsets, surface, face)
+            return cls(shape, offsets, surface, face, flag(data, "labels_stay", "labels_stay"))
         except (TypeError, ValueError, KeyError, OverflowError) as error:
             if not isinstance(error, InputError):
                 raise InputError(source, "person_fit", "lists of numbers", "another form") from None

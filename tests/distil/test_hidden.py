@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import trimesh
+from templates.test_face_labels import lowered
 
 from avatarrex.distil.hidden import caps, hidden, joined_to, shown
+from avatarrex.distil.rest_mesh import PART_BEGINS, _inner
+from avatarrex.templates.albedo import inside_mouth
+from avatarrex.templates.person import load_person
 
 
 def test_a_ball_in_a_head_is_hidden_until_the_head_is_opened(monkeypatch):
@@ -65,3 +69,16 @@ def test_caps_close_a_tube_with_its_orientation():
     assert whole.is_winding_consistent, "a volume alone is made consistent before it is taken"
     assert np.isclose(whole.volume, tube.volume)
     assert len(caps(side, rim & (tube.vertices[:, 2] > 0))) == 14
+
+
+def test_a_fitted_chin_is_no_mouth(monkeypatch) -> None:
+    """Skin that lies between the teeth and is seen, where the face was fitted lower and farther back."""
+    monkeypatch.setattr("avatarrex.distil.hidden.SIDE", 256)
+    base, found = load_person().body, {}
+    for stay in (True, False):
+        person = lowered(stay)
+        mouth = _inner(person, person.blend_weight[:, 2].numpy() > PART_BEGINS)[1]
+        lies = inside_mouth(person.body.v_template, base.groups) & ~inside_mouth(base.v_template, base.groups)
+        found[stay] = (mouth & lies.numpy()).sum()
+    assert found[False] > 100
+    assert found[True] < 0.5 * found[False]

@@ -294,7 +294,8 @@ def test_a_chin_among_the_teeth_is_no_mouth() -> None:
     lowest, foremost = fitted[teeth, 1].amin(), fitted[teeth, 2].amax()
     fitted[teeth] += torch.tensor([0.0, fitted[chin, 1] - lowest - 0.001, fitted[chin, 2] - foremost + 0.001])
     assert inside_mouth(fitted, template.model.groups)[chin]
-    assert not replace(template, model=replace(template.model, v_template=fitted)).mouth[chin]
+    inside = inside_mouth(fitted, template.model.groups)
+    assert not replace(template, model=replace(template.model, v_template=fitted), inside=inside).mouth[chin]
     assert not template.mouth[chin]
     assert template.mouth.sum() > 300
     front = covered(torch.tensor([[0.0, 0.0, 0.0], [0.0, 0.0, 0.02], [0.3, 0.0, 0.0]]), *wall(0.01))

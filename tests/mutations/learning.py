@@ -135,6 +135,13 @@ LEARNING: dict[str, Mutant] = {
         "template.mouth",
         "tests/training/test_known_face.py::test_what_can_be_seen_is_compared_and_nothing_within_lips",
     ),
+    "labels where a fitted face lies": Mutant(
+        "what is learnt",
+        "avatarrex/templates/person.py",
+        "if fit.labels_stay and (face",
+        "if False and (face",
+        "tests/templates/test_face_labels.py::test_labels_are_the_templates_vertices",
+    ),
     "the mouth by its mesh": Mutant(
         "what is learnt",
         f"{CORE}/pass_one.py",

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from avatarrex_studio.cli import train
-from avatarrex_studio.cli.train import begun_person
 from capture.tiny_capture import TinyCapture
 
 from avatarrex.avatar import Avatar
@@ -17,6 +16,7 @@ from avatarrex.capture.readers.splits import with_validation
 from avatarrex.templates.face_offsets import FaceOffsets
 from avatarrex.templates.person import Person, load_person, resize_person
 from avatarrex.templates.person_fit import PersonFit
+from avatarrex.training.runs.begun import begun_person
 from avatarrex.training.runs.folder import Run
 
 

@@ -44,6 +44,7 @@ from avatarrex.signals.driving import Signals
 from avatarrex.training.core.trainer import Trainer
 from avatarrex.training.recipe import Recipe
 from avatarrex.training.runs import checkpoint
+from avatarrex.training.runs.begun import begun_person
 from avatarrex.training.runs.control import read_json, write_json
 from avatarrex.training.runs.events import EventReader
 from avatarrex.training.runs.folder import Run, read_about
@@ -182,7 +183,9 @@ class Study:
     def _learn(self, variant: Variant, seed: int, run: Run) -> bool:
         """False where it was stopped."""
         if not variant.rival:
-            return Trainer(self.capture, self.recipe(variant, seed), run, device=self.device).train()
+            begun = begun_person(run.path)
+            capture = self.capture if begun is None else replace(self.capture, person=begun)
+            return Trainer(capture, self.recipe(variant, seed), run, device=self.device).train()
         seconds = self.effort(VARIANTS[variant.time_of], seed)["cpu_seconds"]
         return timed_training.train(make_rival(variant.name, self.fitted, self.part, seed), run, seconds, seed)
 

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import argparse
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -39,7 +39,7 @@ from avatarrex.metrics.table import printed
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.joints import JOINT_NAMES
 from avatarrex.templates.model import EYES, TEETH
-from avatarrex.templates.person import Person
+from avatarrex.templates.person import Person, load_person, resize_person
 from avatarrex.templates.posed import pose_person
 from avatarrex.training.core.exposure import factors, one_exposure
 
@@ -66,8 +66,16 @@ class Regions:
         return {name: np.asarray((face >= 0) & chosen[face]) for name, chosen in self.faces.items()}
 
 
+def _labelled(person: Person) -> Person:
+    """With the template's lips and mouth, so that regions are the same for avatars of fits of before."""
+    if person.fit is None or person.fit.labels_stay:
+        return person
+    return resize_person(load_person(person.name), replace(person.fit, labels_stay=True))
+
+
 def _vertices(person: Person) -> dict[str, Bool[np.ndarray, " v"]]:
     """Vertices of the body by region."""
+    person = _labelled(person)
     joints = person.body.joint_template.double().numpy()
     eyes = joints[[JOINT_NAMES.index(name) for name in EYES]]
     rest, face = person.body.v_template.double().numpy(), person.face
@@ -164,7 +172,7 @@ def surface_distances(avatar: Avatar, signals: list[Signals]) -> dict[str, dict[
 
 def _features(person: Person) -> dict[str, Bool[Tensor, " v"]]:
     """Vertices of the face mesh by feature; skin is what is the face's alone besides."""
-    face = person.face
+    face = _labelled(person).face
     eyes, teeth, tongue = (face.model.of_groups(names) for names in (EYES, TEETH, ("tongue",)))
     outer = ~(eyes | face.mouth)
     lids, lips = (_within(face.v_template, inner, reach) & outer for inner, reach in ((eyes, LIDS), (face.mouth, LIPS)))

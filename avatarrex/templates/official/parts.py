@@ -19,7 +19,7 @@ from torch import Tensor
 
 from avatarrex.errors import InputError
 from avatarrex.signals.joints import EXPRESSION_NAMES
-from avatarrex.templates.albedo import paint_albedo
+from avatarrex.templates.albedo import inside_mouth, paint_albedo
 from avatarrex.templates.face import HEAD, JAW, LEFT_EYE, RIGHT_EYE, FaceTemplate, cut_face, paint_face
 from avatarrex.templates.hand import HandTemplate, cut_hand, paint_hand
 from avatarrex.templates.model import TemplateModel
@@ -148,7 +148,8 @@ def face_of(face: FaceverseFile, body: TemplateModel, file: SmplxFile) -> FaceTe
         groups=own.groups,
     )
     albedo = paint_albedo(model.v_template, model.joint_template[2:], model.groups)
-    return FaceTemplate(model, paint_face(body)[near], albedo, torch.full((len(near),), -1))
+    inside = inside_mouth(model.v_template, model.groups)
+    return FaceTemplate(model, paint_face(body)[near], albedo, torch.full((len(near),), -1), inside)
 
 
 def carried_face(face: FaceTemplate, old: TemplateModel, new: TemplateModel) -> FaceTemplate:
