@@ -32,10 +32,12 @@ from avatarrex.metrics.perceptual import Perceptual
 from avatarrex.pipeline import render_frame
 from avatarrex.settings import RenderSettings
 from avatarrex.signals.driving import Signals
-from avatarrex.templates.person import load_person
+from avatarrex.templates.person import load_person, resize_person
+from avatarrex.templates.person_fit import PersonFit
 from avatarrex.templates.posed import pose_person
 from avatarrex.training.core.stage import stages
 from avatarrex.training.recipe import PAPER, QUICK, LossWeights, Recipe
+from avatarrex.training.runs.begun import begun_person
 from avatarrex.training.runs.folder import read_about
 
 NETWORKS = tuple(name for name in PRESETS if name.startswith("compact/"))
@@ -253,9 +255,13 @@ def test_a_stopped_variant_goes_on(capture, tmp_path, monkeypatch):
     assert read_about(tmp_path / "plain" / "seed_0")["state"] == "stopped"
     before = study.effort(VARIANTS["plain"], 0)["cpu_seconds"]
     monkeypatch.undo()
-    found = Study(tmp_path, capture, "body", TINY).finish(VARIANTS["plain"], 0)
+    taller = resize_person(load_person(), PersonFit(np.linspace(0.0, 0.1, 10), np.zeros((55, 3))))
+    found = Study(tmp_path, replace(capture, person=taller), "body", TINY).finish(VARIANTS["plain"], 0)
     assert found is not None
     assert found["cpu_seconds"] > before > 0
+    trained = begun_person(tmp_path / "plain" / "seed_0")
+    assert trained is not None
+    assert trained.hash == capture.person.hash, "whom the run began with, whoever is fitted by now"
 
 
 def test_a_capture_without_held_out_poses_is_refused(capture, tmp_path):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import torch
 from capture.tiny_capture import TinyCapture
+from templates.test_face_labels import lowered
 
 from avatarrex.avatar_file import load_avatar
 from avatarrex.camera import Camera
@@ -46,6 +47,11 @@ def test_the_mouth_is_beneath_the_eyes_and_grows_with_the_jaw():
     assert (rest["mouth"] & ~rest["face"]).sum() < 0.1 * rest["mouth"].sum()
     assert wide["mouth"].sum() > 1.3 * rest["mouth"].sum()
     assert rest["face"].sum() > 10 * rest["mouth"].sum()
+
+
+def test_regions_are_the_same_for_a_fit_of_before():
+    now, before = (Regions(lowered(stay)).faces for stay in (True, False))
+    assert all(np.array_equal(now[name], before[name]) for name in now)
 
 
 class Photograph:
