@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from torch import Tensor
@@ -25,3 +25,11 @@ def pieces(faces: Int[Tensor, "f 3"], vertices: int) -> Int[Tensor, " f"]:
     edges = np.concatenate([rows[:, :2], rows[:, 1:]])
     graph = coo_array((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(vertices, vertices))
     return torch.from_numpy(connected_components(graph, directed=False)[1])[faces[:, 0]]
+
+
+def within_reach(rest: Float[Tensor, "v 3"], chosen: Bool[Tensor, " v"], reach: float) -> Bool[Tensor, " v"]:
+    """Vertices nearer than `reach` metres to one of the chosen, those with them; none where none is chosen."""
+    if not chosen.any():
+        return chosen
+    near: Tensor = torch.cdist(rest, rest[chosen]).amin(1) < reach
+    return near

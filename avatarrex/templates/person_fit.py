@@ -100,7 +100,9 @@ class PersonFit:
                 fit["surface"]["eyes_stay"] = True
         if self.face is not None:
             fit["face"] = self.face.to_json()
-        return fit | ({"labels_stay": True} if self.labels_stay else {})
+        if self.labels_stay:
+            fit["labels_stay"] = True
+        return fit
 
     @classmethod
     def from_json(cls, data: Any, source: str | Path) -> PersonFit:

@@ -14,7 +14,7 @@ from avatarrex.avatar_file import load_avatar, save_avatar
 from avatarrex.errors import InputError
 from avatarrex.signals.joints import JOINT_NAMES
 from avatarrex.templates.albedo import LIPS, inside_mouth
-from avatarrex.templates.face import FaceTemplate, cut_face, paint_face
+from avatarrex.templates.face import FaceTemplate, cut_face
 from avatarrex.templates.face_offsets import FaceOffsets
 from avatarrex.templates.model import EYES, TEETH
 from avatarrex.templates.person import Person, load_person, resize_person
@@ -71,14 +71,21 @@ def test_irises_are_where_the_fitted_balls_look_ahead() -> None:
     assert sum(found[vertex] != known[vertex] for vertex in eyes) > 3, "the template's irises would be elsewhere"
 
 
-def test_omega_is_one_within_the_mouth_and_not_under_the_chin(fitted: Person) -> None:
-    plain, before = load_person(), lowered(stay=False)
-    inside = inside_mouth(plain.body.v_template, plain.body.groups)
-    assert (fitted.blend_weight[inside, 2] == 1).all()
-    assert torch.equal(fitted.face.blend_weight, fitted.blend_weight[fitted.face.body_vertex_ids, 2])
-    raised = before.blend_weight[:, 2] > fitted.blend_weight[:, 2]
-    assert torch.equal(raised & inside, torch.zeros_like(raised))
-    assert torch.equal(paint_face(fitted.body)[~raised], fitted.blend_weight[~raised, 2])
+def test_omega_is_one_within_the_mouth_and_not_at_the_throat() -> None:
+    """Where teeth and tongue were fitted so low that skin of the throat lies between them."""
+    body = load_person().body
+    rows = [int(body.groups[name][0]) for name in (*TEETH, "tongue")]
+    low = FaceOffsets(tuple(rows), np.tile([0, -0.04, -0.02], (3, 1)), np.zeros((0, 52)), np.zeros((3, 3, 0)))
+    now, before = (
+        resize_person(load_person(), PersonFit(np.zeros(10), np.zeros((55, 3)), face=low, labels_stay=stay))
+        for stay in (True, False)
+    )
+    inside = inside_mouth(body.v_template, body.groups)
+    assert (now.blend_weight[inside, 2] == 1).all()
+    assert torch.equal(now.face.blend_weight, now.blend_weight[now.face.body_vertex_ids, 2])
+    raised = before.blend_weight[:, 2] > now.blend_weight[:, 2] + 0.1
+    assert raised.sum() > 3, "skin between the teeth was raised to 1"
+    assert not (raised & inside).any()
 
 
 def test_old_fits_keep_the_labels_of_where_they_lie(fitted: Person) -> None:

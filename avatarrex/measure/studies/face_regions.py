@@ -38,6 +38,7 @@ from avatarrex.metrics.own_training import as_trained
 from avatarrex.metrics.table import printed
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.joints import JOINT_NAMES
+from avatarrex.templates.mesh import within_reach
 from avatarrex.templates.model import EYES, TEETH
 from avatarrex.templates.person import Person, load_person, resize_person
 from avatarrex.templates.posed import pose_person
@@ -81,17 +82,13 @@ def _vertices(person: Person) -> dict[str, Bool[np.ndarray, " v"]]:
     rest, face = person.body.v_template.double().numpy(), person.face
     near = np.linalg.norm(rest[:, None] - eyes[None], axis=-1).min(1) < REACH
     found = {"eyes": near}
-    for name, chosen in (("mouth", _within(face.v_template, face.mouth, LIPS)), ("face", face.blend_weight > FACE)):
+    for name, chosen in (
+        ("mouth", within_reach(face.v_template, face.mouth, LIPS)),
+        ("face", face.blend_weight > FACE),
+    ):
         found[name] = np.zeros(len(rest), bool)
         found[name][face.body_vertex_ids[chosen].numpy()] = True
     return found
-
-
-def _within(rest: Float[Tensor, "v 3"], chosen: Bool[Tensor, " v"], reach: float) -> Bool[Tensor, " v"]:
-    """Vertices at most `reach` metres from one of the chosen."""
-    if not chosen.any():
-        return chosen
-    return torch.cdist(rest, rest[chosen]).amin(1) < reach
 
 
 @dataclass(frozen=True)
@@ -175,7 +172,9 @@ def _features(person: Person) -> dict[str, Bool[Tensor, " v"]]:
     face = _labelled(person).face
     eyes, teeth, tongue = (face.model.of_groups(names) for names in (EYES, TEETH, ("tongue",)))
     outer = ~(eyes | face.mouth)
-    lids, lips = (_within(face.v_template, inner, reach) & outer for inner, reach in ((eyes, LIDS), (face.mouth, LIPS)))
+    lids, lips = (
+        within_reach(face.v_template, inner, reach) & outer for inner, reach in ((eyes, LIDS), (face.mouth, LIPS))
+    )
     skin = outer & ~lids & ~lips & (face.blend_weight > FACE)
     return {"eyeballs": eyes, "lids": lids, "lips": lips, "teeth": teeth, "tongue": tongue, "other skin": skin}
 

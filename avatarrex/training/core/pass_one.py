@@ -24,6 +24,7 @@ from avatarrex.fields.code import embedding_loss, kl_loss, node_loss, sample_lat
 from avatarrex.fields.orthographic import front_points
 from avatarrex.parts.face import face_state
 from avatarrex.pointmap.rays import RayPlane, Rays
+from avatarrex.templates.mesh import within_reach
 from avatarrex.templates.model import EYES
 from avatarrex.training.core.frames import FrameStore, TrainingFrame
 from avatarrex.training.core.losses import (
@@ -262,8 +263,7 @@ class FacePass(VolumePass):
     def _about_eyes(self) -> Tensor:
         """(v,) eyeballs, and what lies within `LIDS` of them at rest."""
         template = self.avatar.person.face
-        rest, eye = template.v_template, template.model.of_groups(EYES)
-        return torch.cdist(rest, rest[eye]).amin(1) < LIDS
+        return within_reach(template.v_template, template.model.of_groups(EYES), LIDS)
 
     @cached_property
     def _inner(self) -> Tensor:
