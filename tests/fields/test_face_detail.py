@@ -22,7 +22,7 @@ from avatarrex.ops.outer_triangle import outer_triangle
 from avatarrex.ops.search_tree import SearchTree
 from avatarrex.parts import face as parts_face
 from avatarrex.parts.carried import REACH
-from avatarrex.parts.face import THROUGH, Face, FaceState, PosedTriangles
+from avatarrex.parts.face import THROUGH, Face, FaceState, Met, PosedTriangles
 from avatarrex.parts.part import SurfacePoints
 from avatarrex.signals.joints import EXPRESSION_NAMES
 from avatarrex.templates.model import TEETH
@@ -291,6 +291,7 @@ def test_past_open_lips_is_seen_what_lies_behind(tmp_path: Path, monkeypatch: py
         way = torch.nn.functional.normalize(torch.tensor(gaze), dim=0)
         places, same = (one.places(at, middle, way.expand_as(middle))[0] for one, at in ((face, state), again[:2]))
         assert torch.equal(places.texel, same.texel)
+        assert places.share.sum(1).max() < 1.001
         torch.testing.assert_close(places.share, same.share, atol=1e-3, rtol=0)
         rays = np.array([first_facing(corner, place.double().numpy(), way.double().numpy()) for place in middle])
         seen, deep = detail(places).numpy(), behind[rays] & (rays >= 0)
@@ -343,6 +344,29 @@ def test_avatars_of_before_have_the_nearest_texels(monkeypatch: pytest.MonkeyPat
     places, _ = face.places(posed_face, middle, BACK.expand_as(middle))
     assert torch.equal(places.texel, expected.texel)
     assert torch.equal(places.share, expected.share)
+
+
+@torch.no_grad()
+def test_a_ray_that_misses_sees_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The closest tooth lies 4 mm aside; 1 mm aside it counts, 10 cm along, too."""
+    made = lipped()
+    face, state, middle = opened(made)
+    tooth = np.flatnonzero(made.person.face.teeth[made.person.face.faces].all(1).numpy())[: len(middle)]
+    monkeypatch.setattr(parts_face, "surface_normal", lambda distance, position: -BACK.expand_as(position))
+    detail = made.face.detail
+    assert detail is not None
+    for aside, expected in ((0.001, 0.6), (0.004, 0.0)):
+
+        def seen(triangles: PosedTriangles, points: np.ndarray, back: np.ndarray, aside: float = aside) -> Met:
+            corner = np.full((len(points), 3), 1 / 3)
+            return np.resize(tooth, len(points)), corner, np.tile([aside, 0.0, 0.1], (len(points), 1))
+
+        monkeypatch.setattr(PosedTriangles, "seen", seen)
+        places, _ = face.places(state, middle, BACK.expand_as(middle))
+        assert places is not None
+        said = detail(places)[:, 0]
+        assert (said >= expected).all()
+        assert expected or not said.any()
 
 
 def test_texels_end_beside_their_places() -> None:
