@@ -68,12 +68,10 @@ class SurfacePoints:
 
     position: Float[Tensor, "p 3"]
     """Part frame."""
-    gaze: Float[Tensor, "p 3"]
-    """Unit, from the eye to the point, part frame."""
     direction: Float[Tensor, "p 3"]
-    """The same, or what the networks are told instead."""
+    """Unit, from the eye to the point, part frame."""
     root_direction: Float[Tensor, "p 3"]
-    """`direction` in the root frame."""
+    """The same in the root frame."""
     root_from_part: Float[Tensor, "3 3"]
     """Rotation."""
     light: Irradiance
