@@ -1,17 +1,18 @@
 """A person's own face on the template's: offsets of the skin at rest, and what the expression shapes differ by.
 
-    v(ψ) = v_template(ψ) + Σ_n w_n (o_n + Σ_k (b_k · ψ) d_nk)
+    v(ψ) = v_rest + Σ_e g_e ψ_e S_e + Σ_n w_n (o_n + Σ_k (b_k · ψ) d_nk)
 
-over some nodes n of the head's skin, eyeballs, teeth and tongue. w falls with the way along the mesh: what moves the upper lip leaves
-the lower one; eyeballs, rows of teeth and the tongue move as a whole each. b_k are a few directions of ψ, those that the pictures
-showed: of others nothing is known, and the template's shapes stay. Ours.
+with v_rest and S_e the template's rest and expression shapes, g_e how much of a shape is this person's, and some nodes n of the head's
+skin, eyeballs, teeth and tongue. w falls with the way along the mesh: what moves the upper lip leaves the lower one; eyeballs,
+rows of teeth and the tongue move as a whole each. b_k are a few directions of ψ, those that the pictures showed: of others nothing is
+known, and g S stays. Ours.
 
 Letters: v vertices, n nodes, k directions, e expression coefficients. Root frame at rest, metres.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -27,8 +28,8 @@ NARROW = 0.65
 """σ between, of the way to the next node."""
 FADE = (0.02, 0.035)
 """Metres from the nearest node at which an offset begins to fade, and where it is 0."""
-MOST_NODES, MOST_DIRECTIONS, LARGEST = 1000, 64, 0.2
-"""Of a file: memory for each, and metres (for a whole unit of ψ) that a face differs by at most."""
+MOST_NODES, MOST_DIRECTIONS, LARGEST, MOST_GAIN = 1000, 64, 0.2, 4.0
+"""Of a file: memory for each, metres (for a whole unit of ψ) that a face differs by at most, and g at most."""
 DIGITS = 6
 """Of metres and coefficients that are kept: a micrometre."""
 
@@ -47,6 +48,8 @@ class FaceOffsets:
     """(n, 3, k) d, metres for each unit along b."""
     eye_joints: bool = False
     """Whether the joint of an eye takes its ball's offset at rest along; False in the files of fits before 2026-11-27."""
+    gains: np.ndarray = field(default_factory=lambda: np.ones(0))
+    """(e,) g, 0 and more; none where all are 1, as in the files of fits before 2026-11-28."""
 
     def __post_init__(self) -> None:
         n = len(self.vertices)
@@ -54,6 +57,7 @@ class FaceOffsets:
             raise InputError("person fit", "face.vertices", f"1 to {MOST_NODES} different indices", n)
         k, e = np.shape(self.directions) if np.ndim(self.directions) == 2 else (0, 0)
         wanted = {"rest": ((n, 3), LARGEST), "directions": ((k, e), 1.0), "moves": ((n, 3, k), LARGEST)}
+        wanted["gains"] = ((np.size(self.gains),), MOST_GAIN)
         for name, (shape, most) in wanted.items():
             value = np.asarray(getattr(self, name), dtype=np.float64).round(DIGITS)
             if value.shape != shape or k > MOST_DIRECTIONS or not (np.abs(value) <= most).all():
@@ -61,12 +65,15 @@ class FaceOffsets:
                     "person fit", f"face.{name}", f"{shape} finite numbers, none beyond {most}", value.shape
                 )
             object.__setattr__(self, name, value)
+        if (self.gains < 0).any():
+            raise InputError("person fit", "face.gains", "numbers of at least 0", float(self.gains.min()))
 
     def to_json(self) -> dict[str, Any]:
         """Plain lists; `from_json` gives the same back, bit for bit."""
         arrays = {name: getattr(self, name).tolist() for name in ("rest", "directions", "moves")}
         joints = {"eye_joints": True} if self.eye_joints else {}
-        return {"vertices": list(self.vertices), **arrays, **joints}
+        gains = {"gains": self.gains.tolist()} if len(self.gains) else {}
+        return {"vertices": list(self.vertices), **arrays, **joints, **gains}
 
     @classmethod
     def from_json(cls, data: dict[str, Any]) -> FaceOffsets:
@@ -79,10 +86,11 @@ class FaceOffsets:
         directions = np.array(data["directions"], dtype=np.float64)
         if not directions.size:
             directions = np.zeros((0, 0))
-        return cls(tuple(vertices), rest, directions, moves, joints)
+        gains = np.array(data.get("gains", []), dtype=np.float64)
+        return cls(tuple(vertices), rest, directions, moves, joints, gains)
 
     def shapes(self, body: TemplateModel) -> tuple[np.ndarray, np.ndarray]:
-        """Of every vertex of the original `body` what is added at rest (v, 3), and to its expression shapes (v, 3, e).
+        """Of every vertex of the original `body` what is added at rest (v, 3), and to its shapes g S of expressions (v, 3, e).
 
         Raises `InputError` for another template's.
         """
@@ -94,6 +102,12 @@ class FaceOffsets:
             len(body.v_template), *self.moves.shape[1:]
         )
         return weights @ self.rest, moved @ self.directions.reshape(-1, e)
+
+    def gain(self, count: int) -> np.ndarray:
+        """(e,) g of a template with so many expressions. Raises `InputError` for another's."""
+        if len(self.gains) not in (0, count):
+            raise InputError("person fit", "face.gains", f"{count} numbers", len(self.gains))
+        return self.gains if len(self.gains) else np.ones(count)
 
 
 def flag(data: dict[str, Any], name: str, field: str) -> bool:

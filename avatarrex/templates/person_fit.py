@@ -141,15 +141,23 @@ class PersonFit:
                     joint = JOINT_NAMES.index(eye)
                     wanted = placed[joint] - body.joint_template[joint].numpy()
                     follows += near[:, None] * (wanted - far[body.groups[eye]].mean(0))
-        expressions = body.expression_dirs
+        expressions, joints_follow = body.expression_dirs, body.joint_expression_dirs
         if self.face is not None:
             rest, own = self.face.shapes(body)
-            follows, expressions = follows + rest, expressions + torch.from_numpy(own)
+            gain = torch.from_numpy(self.face.gain(expressions.shape[2]))
+            follows, expressions = follows + rest, expressions * gain + torch.from_numpy(own)
+            joints_follow = None if joints_follow is None else joints_follow * gain
             for eye in EYES:
                 if self.face.eye_joints and eye in body.groups:  # it turns about the middle of its ball
                     placed[JOINT_NAMES.index(eye)] += rest[body.groups[eye]].mean(0)
         moved = torch.from_numpy(vertices + follows), torch.from_numpy(placed)
-        return replace(body, v_template=moved[0], joint_template=moved[1], expression_dirs=expressions)
+        return replace(
+            body,
+            v_template=moved[0],
+            joint_template=moved[1],
+            expression_dirs=expressions,
+            joint_expression_dirs=joints_follow,
+        )
 
 
 def _near_eyes(body: TemplateModel) -> dict[str, np.ndarray]:

@@ -31,10 +31,11 @@ from scipy.spatial.distance import cdist
 from tqdm import tqdm
 
 from avatarrex.capture.fit.check import compared_frames, posed_in_world
+from avatarrex.capture.fit.expression_gains import fit_gains
 from avatarrex.capture.fit.eye_fit import fit_eyes
 from avatarrex.capture.fit.face_light import without_light
-from avatarrex.capture.fit.lips import away_from_lips, touching
-from avatarrex.capture.fit.paint import Points, Posed, Seen, mean_colours, sights, trust, without_common
+from avatarrex.capture.fit.lips import away_from_lips, clear_of_lips, touching
+from avatarrex.capture.fit.paint import STRENGTH, Points, Posed, Seen, mean_colours, only, sights, trust, without_common
 from avatarrex.capture.fit.refine import shot
 from avatarrex.capture.readers.drawn import light_frame
 from avatarrex.capture.readers.rigs import Capture, Rig
@@ -76,15 +77,11 @@ such a tie counts as."""
 LIDS = 20.0
 """How many differences the tie of an eyeball to a node of its lids counts as, at the mean expression: lids slide on it, and hide it when
 they are closed."""
-STRENGTH = 100.0
-"""1/σ_c², σ_c = 0.1 sRGB."""
 SMOOTH = 0.02
 """Metres over which normals are averaged: a lip faces every way."""
 CLOSED = 2000.0
 """Weight, in units of 1/REST_SIGMA², of the squared change at rest of the way from one vertex of a lip to the one of the other lip that it
 touches. Without it the mouth of `person_f001` was fitted open by 10 mm."""
-BESIDE = 2.0
-"""Within so many σ of the blur of where lips touch, measured at rest, points do not count."""
 LIP = 0.012
 """Metres from a row of teeth to the skin that it lies behind, whatever the face: closed lips would show it otherwise."""
 
@@ -113,13 +110,14 @@ def fit_to_pictures(
     from_lips = away_from_lips(base.body, points)
     field = _Field(base, points, *_directions(np.stack([signals.expression for signals, _ in posed])))
     field.begin(base, person.fit.surface)
+    field.gains = fit_gains(resize_person(base, replace(plain, face=field.offsets())), points, posed, light)
     person = resize_person(base, replace(plain, face=field.offsets()))
     with tqdm(total=len(blurs) * len(posed), desc="fit face", unit="frame", leave=False) as bar:
         for blur in blurs:
-            seen, near, beside = [], _near_on_eyes(base, points, blur), from_lips < BESIDE * blur
+            seen, near = [], _near_on_eyes(base, points, blur)
             for one in posed:
                 shown = sights(person, points, one, blur)
-                seen.append([_clear_of_lips(_clear_of_lids(sight, near), beside) for sight in shown])
+                seen.append([clear_of_lips(_clear_of_lids(sight, near), from_lips, blur) for sight in shown])
                 bar.update()
             signals = [one for one, _ in posed]
             field.improve(person, signals, without_light(person, points, signals, seen, light))
@@ -151,6 +149,7 @@ class _Field:
         tied = np.eye(len(self.nodes)) + TIE * _differences(_neighbours(between) + FLESH * _flesh(place, normal))
         self.stiffness = tied[..., None] / (sigma[:, None] * sigma)
         self.stiffness[..., 0] += TIE * LIDS / REST_SIGMA**2 * _differences(_lids(base.body, self.nodes))
+        self.gains = np.ones(0)  # of expressions
         self.parted = np.zeros((len(self.across), 3))  # what the fit of the skin moved lips apart by
 
     def begin(self, base: Person, surface: SurfaceOffsets | None) -> None:
@@ -218,7 +217,7 @@ class _Field:
         """What has been found; ψ = 0 is rest."""
         rest, inner = self._rest(), self.behind.any(1)
         rest[inner] = self.behind[inner] @ rest
-        return FaceOffsets(self.nodes, rest, self.directions, self.now[..., 1:], eye_joints=True)
+        return FaceOffsets(self.nodes, rest, self.directions, self.now[..., 1:], True, self.gains)
 
 
 class _Sums:
@@ -286,18 +285,7 @@ def _clear_of_lids(sight: Seen, near: csr_array) -> Seen:
     eyeball. Where a pixel is wider than the blur (1.9 mm in the last round) it reaches farther than that."""
     hidden = np.ones(near.shape[0])
     hidden[sight[0]] = 0
-    return _only(sight, (near @ hidden)[sight[0]] == 0)
-
-
-def _clear_of_lips(sight: Seen, beside: np.ndarray) -> Seen:
-    """`sight` without the points (p,) `beside` the line where lips touch, at rest, whatever the mouth does."""
-    return _only(sight, ~beside[sight[0]])
-
-
-def _only(sight: Seen, kept: np.ndarray) -> Seen:
-    """The rows of `sight` that are `kept` (p,)."""
-    row, cosine, colour, slope = sight
-    return row[kept], cosine[kept], colour[kept], slope[kept]
+    return only(sight, (near @ hidden)[sight[0]] == 0)
 
 
 def _directions(expressions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

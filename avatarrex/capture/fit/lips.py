@@ -9,7 +9,7 @@ import numpy as np
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
-from avatarrex.capture.fit.paint import Points
+from avatarrex.capture.fit.paint import Points, Seen, only
 from avatarrex.signals.joints import JOINT_NAMES
 from avatarrex.templates.face_offsets import mesh_edges
 from avatarrex.templates.model import EYES, MOUTH, TemplateModel
@@ -18,6 +18,11 @@ TOUCH = 0.004
 """Between two vertices that touch, at most: vertices of lips lie 2 to 5 mm apart."""
 AROUND = 0.01
 """Along the mesh between them, at least: the shortest way leads around a corner of the mouth, or through its cavity."""
+
+
+BESIDE = 2.0
+"""Within so many σ of the blur of where lips touch, measured at rest, points do not count: it mixes the mouth's inside, or the other lip,
+into their colours."""
 
 
 def touching(body: TemplateModel) -> np.ndarray:
@@ -43,3 +48,9 @@ def away_from_lips(body: TemplateModel, points: Points) -> np.ndarray:
         return np.full(len(faces), np.inf)
     found: np.ndarray = cKDTree(line).query(np.einsum("pk,pkc->pc", points.share, rest[faces]))[0]
     return found
+
+
+def clear_of_lips(sight: Seen, away: np.ndarray, blur: float) -> Seen:
+    """`sight`, blurred by `blur` metres, without the points `BESIDE` the line where lips touch, whatever the mouth does; `away` (p,): their
+    metres from it at rest."""
+    return only(sight, away[sight[0]] >= BESIDE * blur)

@@ -13,7 +13,7 @@ about itself, or a trunk behind arms; a pattern does. Letters: p points, k const
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -64,6 +64,10 @@ class Points:
     """(p,) which patch it is in."""
     tolerance: float = DEPTH_TOLERANCE
     """Metres that one may lie beyond the first surface and be seen."""
+
+    def chosen(self, kept: np.ndarray) -> Points:
+        """Those that are `kept` (p,) bool, patches as they are."""
+        return replace(self, face=self.face[kept], share=self.share[kept], patch=self.patch[kept])
 
     @classmethod
     def of(cls, person: Person) -> Points:
@@ -174,6 +178,12 @@ def sights(person: Person, points: Points, posed: Posed, blur: float) -> Iterato
         cosine = picture.shows(vertices, faces, points.face, place, points.tolerance)
         row = np.flatnonzero(cosine)
         yield row, cosine[row], *picture.at(place[row])
+
+
+def only(sight: Seen, kept: np.ndarray) -> Seen:
+    """The rows of `sight` that are `kept` (p,) bool."""
+    row, cosine, colour, slope = sight
+    return row[kept], cosine[kept], colour[kept], slope[kept]
 
 
 def trust(off: np.ndarray) -> np.ndarray:
