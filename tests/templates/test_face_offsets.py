@@ -184,3 +184,44 @@ def test_one_expression_alone_says_nothing_of_others(nose: int) -> None:
     person = resize_person(load_person(), again)
     assert torch.equal(person.body.expression_dirs, load_person().body.expression_dirs)
     np.testing.assert_allclose((person.body.v_template - load_person().body.v_template)[nose], UP, atol=1e-6)
+
+
+def gained(gains: np.ndarray) -> PersonFit:
+    face = FaceOffsets((5,), np.zeros((1, 3)), np.eye(52)[[SMILE]], np.zeros((1, 3, 1)), gains=gains)
+    return PersonFit(np.zeros(10), np.zeros((55, 3)), face=face)
+
+
+def test_gains_scale_what_expressions_move() -> None:
+    """The joints that follow, too; moves of nodes are added to that."""
+    gains, jaw = np.ones(52), EXPRESSION_NAMES.index("jawOpen")
+    gains[jaw] = 0.4
+    plain = load_person()
+    follows = torch.ones(55, 3, 52)
+    body = gained(gains).moved(replace(plain.body, joint_expression_dirs=follows).double())
+    wanted = torch.from_numpy(gains)
+    torch.testing.assert_close(body.expression_dirs, plain.body.expression_dirs.double() * wanted, atol=1e-9, rtol=0)
+    torch.testing.assert_close(body.joint_expression_dirs, follows.double() * wanted)
+    fit = gained(gains)
+    moved = replace(fit, face=replace(fit.face, moves=WIDE[None, :, None]))
+    step = moved.moved(plain.body.double()).expression_dirs - body.expression_dirs
+    torch.testing.assert_close(step[5, :, SMILE], torch.from_numpy(WIDE))
+    assert not step[..., jaw].any()
+
+
+def test_gains_are_part_of_the_file() -> None:
+    gains = np.linspace(0, 2, 52)
+    fit = gained(gains)
+    again = PersonFit.from_json(json.loads(json.dumps(fit.to_json())), "fit")
+    np.testing.assert_array_equal(again.face.gains, gains.round(6))
+    plain = gained(np.ones(0))
+    assert "gains" not in plain.to_json()["face"]
+    assert torch.equal(resize_person(load_person(), plain).body.expression_dirs, load_person().body.expression_dirs)
+    assert resize_person(load_person(), again).hash != resize_person(load_person(), plain).hash
+
+
+@pytest.mark.parametrize("gains", [[-0.1] * 52, [5.0] * 52, [float("nan")] * 52, 3.0, [[1.0] * 52], "much", [1.0] * 51])
+def test_gains_that_are_none_are_refused(gains: object) -> None:
+    data = gained(np.ones(52)).to_json()
+    data["face"]["gains"] = gains
+    with pytest.raises(InputError, match=r"gains|lists of numbers"):
+        resize_person(load_person(), PersonFit.from_json(data, "avatar.json"))

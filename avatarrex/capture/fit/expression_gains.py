@@ -17,6 +17,7 @@ from dataclasses import replace
 
 import numpy as np
 from scipy.spatial import cKDTree
+from tqdm import tqdm
 
 from avatarrex.capture.fit.check import posed_in_world
 from avatarrex.capture.fit.face_light import without_light
@@ -50,7 +51,7 @@ def fit_gains(person: Person, strewn: Points, posed: Sequence[Posed], light: str
     away, gains = away_from_lips(base.body, points), face.gain(shapes.shape[2])
     if not len(shapes) or not any(one.expression.any() for one in signals):
         return gains
-    for blur in BLURS:
+    for blur in tqdm(BLURS, desc="fit expressions", unit="round", leave=False):
         person = resize_person(base, replace(fit, face=replace(face, gains=gains)))
         seen = [[clear_of_lips(sight, away, blur) for sight in sights(person, points, one, blur)] for one in posed]
         form, pull = _equations(person, points, shapes, signals, without_light(person, points, signals, seen, light))
