@@ -56,6 +56,8 @@ SLIDE = "body.slide.share"
 """What an avatar whose cloth slides has."""
 TEXEL_HEIGHT = "body.detail_height"
 """What an avatar has whose texels lie where its clothes are; without it they lie on the skin."""
+BEHIND = "face.detail_behind"
+"""What an avatar has whose face's texels end beside their triangles: which of these are hidden behind closed lips, bytes."""
 RELIEF = "body.relief"
 """What an avatar whose surface was registered to pictures has."""
 FACE_LIGHT = "light.face"
@@ -259,11 +261,16 @@ def _is_below(number: Tensor, count: int) -> bool:
 
 def _expect(path: Path, avatar: Avatar, state: dict[str, Tensor]) -> None:
     """Give fields and light what not every avatar has, of which tensors are in `state`, after checking what these must be."""
-    for part, faces in zip(DETAILED, (len(avatar.person.body.faces), len(avatar.person.face.faces))):
-        name = f"{part}.detail.edge"
+    body, face = (len(each.faces) for each in (avatar.person.body, avatar.person.face))
+    for name, faces in (("body.detail.edge", body), ("face.detail.edge", face), (BEHIND, face)):
         if name in state and (state[name].dtype, tuple(state[name].shape)) != (torch.uint8, (faces,)):
             found = f"{state[name].dtype} {tuple(state[name].shape)}"
             raise InputError(path, f"weights.safetensors: {name}", f"a byte for each of {faces} triangles", found)
+    if BEHIND in state:
+        laid, hidden = (state.get(name, torch.zeros(face)) > 0 for name in ("face.detail.edge", BEHIND))
+        if not (laid & ~hidden).any() or (hidden & ~laid).any():
+            expected = "some of the triangles that have texels, not all"
+            raise InputError(path, f"weights.safetensors: {BEHIND}", expected, f"{int(hidden.sum())} triangles")
     for name in _texels_in(state):
         if state[name].dtype != torch.uint8:
             raise InputError(path, f"weights.safetensors: {name}", "bytes", state[name].dtype)

@@ -17,6 +17,11 @@ from avatarrex.fields.outgrowth import VOXEL, Outgrowth
 from avatarrex.fields.slide import JOINTS
 from avatarrex.files.assets import DATA
 from avatarrex.surface.surface_file import weights_key
+from avatarrex.templates.person import load_person
+
+FACES = len(load_person().face.faces)
+BARE = (load_person().face.blend_weight[load_person().face.faces].amax(1) == 0).byte()
+"""Triangles of the face without texels."""
 
 
 def test_the_packaged_avatar_says_what_it_is() -> None:
@@ -116,6 +121,13 @@ def test_texels_slide_relief_and_outgrowth_are_kept(tmp_path: Path) -> None:
     ("name", "value", "message"),
     [
         ("body.detail.edge", torch.zeros(3, dtype=torch.uint8), "a byte for each of"),
+        ("face.detail_behind", torch.zeros(3, dtype=torch.uint8), "face.detail_behind: expected a byte for each of"),
+        (
+            "face.detail_behind",
+            torch.ones(FACES, dtype=torch.uint8),
+            "behind: expected some of the triangles that have",
+        ),
+        ("face.detail_behind", BARE, "behind: expected some of the triangles that have texels"),
         ("body.detail.texel", torch.zeros(5, 3), "bytes"),
         ("body.detail.texel", torch.zeros(5, 3, dtype=torch.uint8), r"body.detail.texel: expected \("),
         ("body.slide.share", torch.zeros(5, 22), "slide.share: expected numbers"),

@@ -279,7 +279,7 @@ def seen_between(
     """The vertices of the `mouth` where a gaze at them from amid its `rim` meets the field, as far in front as the rim reaches."""
     around = followed.position[rim]
     eye = torch.cat([around.mean(0)[:2], around[:, 2].amax()[None]])
-    position, normal = followed.position.clone(), followed.normal.clone()
+    position, normal, broad = followed.position.clone(), followed.normal.clone(), followed.broad.clone()
     position[mouth] = met_from(sdf, eye, position[mouth])
-    normal[mouth] = torch.tensor([0.0, 0.0, 1.0])
-    return replace(followed, position=position, normal=normal, found=followed.found | mouth)
+    normal[mouth], broad[mouth] = normalize(eye - position[mouth], dim=-1), 0.0
+    return replace(followed, position=position, normal=normal, found=followed.found | mouth, broad=broad)

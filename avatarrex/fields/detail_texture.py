@@ -7,7 +7,7 @@ shared edges), as many along an edge as the equilateral triangle of its area has
 x. So no atlas is cut, and a place is a triangle with barycentrics. Texels are logits: beside networks that say 0, sigmoid(t) is the
 albedo, which is what avatars store of it, one byte a channel.
 
-Letters: f triangles, t texels, p points, k = 3 texels around a point.
+Letters: f triangles, t texels, p points, k texels around a point: 3 on one sheet, 6 on two.
 """
 
 from __future__ import annotations
@@ -47,7 +47,20 @@ class TexelPlaces:
 
     texel: Int[Tensor, "p k"]
     share: Float[Tensor, "p k"]
-    """b_k; their sum is 1, and fades to 0 from `OFF` on."""
+    """b_k; their sum is 1, and fades to 0 where no texels lie."""
+
+    def faded(self, share: Float[np.ndarray, " p"]) -> TexelPlaces:
+        """With so much of each point's shares."""
+        return TexelPlaces(self.texel, self.share * torch.from_numpy(share).to(self.share)[:, None])
+
+    def with_more(self, rows: Int[np.ndarray, " o"], others: TexelPlaces) -> TexelPlaces:
+        """With the texels of `others`, too, at the points of these rows; twice as many a point."""
+        if not len(rows):
+            return self
+        count, at = self.texel.shape[1], torch.from_numpy(rows)
+        texel, share = (torch.cat([each, torch.zeros_like(each)], 1) for each in (self.texel, self.share))
+        texel[at, count:], share[at, count:] = others.texel, others.share
+        return TexelPlaces(texel, share)
 
 
 class DetailTexture(nn.Module):
@@ -114,12 +127,17 @@ class DetailTexture(nn.Module):
         """Set the texels to `albedo`, sRGB, light divided out."""
         self.texel.copy_(logit(albedo))
 
-    def continued(self, albedo: Float[Tensor, "t 3"], known: Bool[Tensor, " t"]) -> Float[Tensor, "t 3"]:
-        """`albedo` where it is `known`, elsewhere the nearest known one's."""
-        if known.all():
-            return albedo
+    def continued(
+        self, albedo: Float[Tensor, "t 3"], known: Bool[Tensor, " t"], sheet: Int[Tensor, " t"] | None = None
+    ) -> Float[Tensor, "t 3"]:
+        """`albedo` where it is `known`, elsewhere the nearest known one's of the same `sheet`; of one where none is known, as it is."""
         found = albedo.clone()
-        found[~known] = albedo[torch.from_numpy(_nearest(self.lattice.position, known.numpy()))]
+        for own in [torch.ones_like(known)] if sheet is None else [sheet == one for one in sheet.unique()]:
+            seen = known[own]
+            if seen.any() and not seen.all():
+                rows = torch.nonzero(own)[:, 0]
+                nearest = _nearest(self.lattice.position[own.numpy()], seen.numpy())
+                found[rows[~seen]] = albedo[rows[torch.from_numpy(nearest)]]
         return found
 
 

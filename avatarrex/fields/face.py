@@ -16,6 +16,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
 from avatarrex.fields.detail_texture import DetailTexture, TexelPlaces
+from avatarrex.fields.face_sheets import FaceSheets
 from avatarrex.fields.local_networks import mlp
 from avatarrex.fields.orthographic import CHANNELS, HeadBox, Impl, project, render_views
 from avatarrex.fields.presets import COORDINATE_OCTAVES, DIRECTION_OCTAVES, Preset
@@ -34,7 +35,7 @@ OUTPUT = 0.05
 """Metres per unit of the geometry MLP's output: the composition's band is about one unit deep."""
 
 DETAIL_OFF = (0.005, 0.01)
-"""Metres off its triangles where static detail fades out: what lies between open lips has none of theirs."""
+"""Metres off its triangles where static detail fades out."""
 
 SLOPE = 0.001
 """Half the edge, metres, of the cube over which the surface's normal is taken."""
@@ -81,6 +82,10 @@ class FaceField(nn.Module):
         self.register_buffer("rest", template.v_template.clone(), persistent=False)
         self.register_buffer("own", (template.blend_weight > 0)[template.faces].any(1), persistent=False)
         self.detail: DetailTexture | None = None
+        self.sheets: FaceSheets | None = None
+        self.detail_behind: Tensor | None
+        """(f,) bytes, 1 for a triangle that is hidden while the mouth is closed; None in avatars of before."""
+        self.register_buffer("detail_behind", None)
         module: Any = self  # its hooks are untyped in torch
         module.register_load_state_dict_pre_hook(_expect)
 
@@ -112,16 +117,24 @@ class FaceField(nn.Module):
         modules = (self.colour_net, self.detail)
         return list(chain.from_iterable(module.parameters() for module in modules if module is not None))
 
-    def add_detail(self, spacing: float, shown: Bool[Tensor, " f"]) -> None:
-        """Lay grey texels on the triangles that are `shown` and where ω > 0, `spacing` metres apart."""
-        self.detail = DetailTexture.of(self.rest.cpu(), self.faces.cpu(), spacing, self.own.cpu() & shown, DETAIL_OFF)
+    def add_detail(self, spacing: float, shown: Bool[Tensor, " f"], behind: Bool[Tensor, " f"]) -> None:
+        """Lay grey texels `spacing` metres apart: on the triangles that are `shown` while the mouth is closed and where ω > 0, and on those
+        that are hidden `behind` lips then."""
+        self.detail_behind = behind.to(self.own.device, torch.uint8)
+        laid = self.own.cpu() & shown | behind
+        self._have(DetailTexture.of(self.rest.cpu(), self.faces.cpu(), spacing, laid, DETAIL_OFF))
 
     def expect(self, state: Mapping[str, Tensor]) -> None:
         """Have the static detail that a state to be loaded has, or none."""
-        self.detail = None
+        self.detail = self.sheets = self.detail_behind = None
         if "detail.edge" in state:
-            self.detail = DetailTexture(state["detail.edge"].clone(), DETAIL_OFF)
-            self.detail.requires_grad_(False).lay(self.rest.cpu(), self.faces.cpu())
+            if "detail_behind" in state:
+                self.detail_behind = state["detail_behind"].clone()
+            self._have(DetailTexture(state["detail.edge"].clone(), DETAIL_OFF).requires_grad_(False))
+
+    def _have(self, detail: DetailTexture) -> None:
+        detail.lay(self.rest.cpu(), self.faces.cpu())
+        self.detail, self.sheets = detail, FaceSheets.of(detail.edge, self.detail_behind)
 
     def sdf(self, planes: Float[Tensor, "..."], position: Float[Tensor, "p 3"]) -> Float[Tensor, " p"]:
         """G_F, metres, at head-frame points; meaningful near the face only."""

@@ -24,8 +24,8 @@ NEARBY = 0.01**2
 """Square metres in which one that faces so is searched."""
 Array = Shaped[np.ndarray, "..."]
 Point = tuple[float, float, float]
-Ray = tuple[float, float, float, float, float, float]
-"""Place and unit direction."""
+Ray = tuple[float, float, float, float, float, float, float]
+"""Place, unit direction, and the cosine from which a triangle faces it."""
 
 
 def outer_triangle(
@@ -33,11 +33,13 @@ def outer_triangle(
     points: Float[np.ndarray, "p 3"],
     normals: Float[np.ndarray, "p 3"],
     reach: tuple[float, float],
+    faces: float = FACES,
 ) -> tuple[Int[np.ndarray, " p"], Float[np.ndarray, "p 3"]]:
     """Face and barycentrics of the first place that is met on the way from `reach[0]` metres before a point to `reach[1]` behind
-    it, along its unit normal inwards; else of the closest place on what faces so, else of the closest one."""
+    it, along its unit normal inwards; else of the closest place on what faces so, else of the closest one. What faces so has a normal
+    whose cosine to the point's is above `faces`."""
     query, face, weight = finite(points), np.empty(len(points), np.int64), np.empty((len(points), 3))
-    spread(_cast, len(query), query, finite(normals), tree, reach, face, weight)
+    spread(_cast, len(query), query, finite(normals), tree, reach, faces, face, weight)
     missed = np.flatnonzero(face < 0)
     if len(missed):
         face[missed], weight[missed] = closest_triangle(tree, query[missed])
@@ -84,10 +86,10 @@ def _within(corner: Array, t: int, i: int, j: int, place: Point, normal: Point) 
 @borrowing
 def _meet(tree: SearchTree, t: int, ray: Ray, _: Any, state: Any) -> Any:
     """State: metres to the first meeting, its leaf and barycentrics."""
-    corner, (x, y, z, dx, dy, dz) = tree.corner, ray
+    corner, (x, y, z, dx, dy, dz, faces) = tree.corner, ray
     nx, ny, nz = _normal(corner, t)
     square, towards = nx * nx + ny * ny + nz * nz, -(nx * dx + ny * dy + nz * dz)
-    if towards <= FACES * math.sqrt(square):
+    if towards <= faces * math.sqrt(square):
         return state
     along = (nx * (x - corner[t, 0, 0]) + ny * (y - corner[t, 0, 1]) + nz * (z - corner[t, 0, 2])) / towards
     if not 0 <= along < state[0]:
@@ -106,7 +108,7 @@ def _near(tree: SearchTree, t: int, point: Ray, _: Any, state: Any) -> Any:
     if square >= state[0]:
         return state
     nx, ny, nz = _normal(tree.corner, t)
-    if nx * point[3] + ny * point[4] + nz * point[5] <= FACES * math.sqrt(nx * nx + ny * ny + nz * nz):
+    if nx * point[3] + ny * point[4] + nz * point[5] <= point[6] * math.sqrt(nx * nx + ny * ny + nz * nz):
         return state
     return square, t, u, v, w
 
@@ -129,6 +131,7 @@ def _cast(
     normal: Array,
     tree: SearchTree,
     reach: tuple[float, float],
+    faces: float,
     face: Array,
     weight: Array,
 ) -> None:
@@ -136,9 +139,9 @@ def _cast(
     stack = new_stack()
     for p in range(begin, end):
         x, y, z, nx, ny, nz = query[p, 0], query[p, 1], query[p, 2], normal[p, 0], normal[p, 1], normal[p, 2]
-        ray = (x + reach[0] * nx, y + reach[0] * ny, z + reach[0] * nz, -nx, -ny, -nz)
+        ray = (x + reach[0] * nx, y + reach[0] * ny, z + reach[0] * nz, -nx, -ny, -nz, faces)
         _, t, u, v, w = _ray_walk(tree, ray, stack, (), (reach[0] + reach[1], -1, 0.0, 0.0, 0.0))
         if t < 0:
-            _, t, u, v, w = _near_walk(tree, (x, y, z, nx, ny, nz), stack, (), (NEARBY, -1, 0.0, 0.0, 0.0))
+            _, t, u, v, w = _near_walk(tree, (x, y, z, nx, ny, nz, faces), stack, (), (NEARBY, -1, 0.0, 0.0, 0.0))
         face[p] = tree.number[t] if t >= 0 else -1
         weight[p, 0], weight[p, 1], weight[p, 2] = u, v, w

@@ -18,6 +18,7 @@ from torch import Tensor
 from avatarrex.counters import Counters
 from avatarrex.fields.detail_texture import TexelPlaces
 from avatarrex.fields.face import FaceField, surface_normal
+from avatarrex.fields.face_sheets import share_beside
 from avatarrex.fields.template_distance import TemplateDistance
 from avatarrex.fields.tone import ToneMap
 from avatarrex.ops.mesh_lattice import Grid, nearest_vertex
@@ -39,28 +40,44 @@ FIRST_BAND = 0.012
 
 WIDER = (0.004, 0.012)
 """Metres by which a jaw goes beyond the known ones where the mouth begins to have the template's colours, and has no others."""
+THROUGH = (0.004, 0.15)
+"""Metres before and behind a point in which a triangle is seen through it: a throat lies 11 cm behind lips."""
 ROUNDED = 1e-6
 """Metres by which a known mesh differs from itself, carried from one expression or another."""
 SHADOW = 0.6
 """Of the template's colours, within lips."""
 
+Met = tuple[Int[np.ndarray, " p"], Float[np.ndarray, "p 3"], Float[np.ndarray, "p 3"]]
+
 
 class PosedTriangles:
-    """The triangles of a posed face; a tree of those that have texels is made when a point is first coloured."""
+    """The triangles of a posed face; trees of them are made when a point is first coloured. Each method returns triangles, barycentrics on
+    them, and what the points are off these places, metres."""
 
     def __init__(self, vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]) -> None:
         self.vertices, self.faces = vertices, faces
-        self._tree: SearchTree | None = None
+        self._outer: SearchTree | None = None
+
+    @cached_property
+    def _whole(self) -> SearchTree:
+        return SearchTree.of_triangles(self.vertices, self.faces)
 
     def outer(
         self, shown: Int[np.ndarray, " s"], points: Float[np.ndarray, "p 3"], normals: Float[np.ndarray, "p 3"]
-    ) -> tuple[Int[np.ndarray, " p"], Float[np.ndarray, "p 3"], Float[np.ndarray, "p 3"]]:
-        """Of points of a surface (head frame) with its unit normals the outer one of the `shown` triangles there, which are the
-        same at each call, barycentrics on it, and what the point is off it, metres."""
-        if self._tree is None:
-            self._tree = SearchTree.of_triangles(self.vertices, self.faces[shown])
-        row, weight = outer_triangle(self._tree, points, normals, REACH)
-        face = shown[row]
+    ) -> Met:
+        """Of points of a surface (head frame) with its unit normals the outer one of the `shown` triangles there, which are the same at each
+        call."""
+        if self._outer is None:
+            self._outer = SearchTree.of_triangles(self.vertices, self.faces[shown])
+        row, weight = outer_triangle(self._outer, points, normals, REACH)
+        return self._met(shown[row], weight, points)
+
+    def seen(self, points: Float[np.ndarray, "p 3"], back: Float[np.ndarray, "p 3"]) -> Met:
+        """Of points with unit directions `back` to the eye the first triangle of the mesh that is seen through them; where none is, the
+        closest."""
+        return self._met(*outer_triangle(self._whole, points, back, THROUGH, faces=0.0), points)
+
+    def _met(self, face: Int[np.ndarray, " p"], weight: Float[np.ndarray, "p 3"], points: np.ndarray) -> Met:
         return face, weight, points - np.einsum("pk,pkc->pc", weight, self.vertices[self.faces[face]])
 
 
@@ -251,27 +268,52 @@ class Face(Part[FaceState]):
         return state.planes.colour
 
     def places(
-        self, state: FaceState, position: Float[Tensor, "p 3"]
+        self, state: FaceState, position: Float[Tensor, "p 3"], gaze: Float[Tensor, "p 3"]
     ) -> tuple[TexelPlaces | None, Float[Tensor, "p 3"]]:
-        """Texels about what the posed mesh has outermost at points of the surface (head frame), None where it has none; and the
-        surface's unit normals there.
-
-        The closest triangle of a closed lid would often be the eyeball's.
-        """
+        """Texels about what is seen at points of the surface (head frame) in unit directions `gaze`, None where it has none; and the
+        surface's unit normals there."""
         trained = state.trained(position)
         normal = self._normal(state, trained)
-        return self._places(state, trained, normal), normal
+        return self._places(state, trained, normal, gaze), normal
 
     @torch.no_grad()
     def _places(
-        self, state: FaceState, position: Float[Tensor, "p 3"], normal: Float[Tensor, "p 3"]
+        self,
+        state: FaceState,
+        position: Float[Tensor, "p 3"],
+        normal: Float[Tensor, "p 3"],
+        gaze: Float[Tensor, "p 3"],
     ) -> TexelPlaces | None:
-        """Of points in the trained shape, with the surface's normals there."""
-        detail = self.field.detail
-        if detail is None:
+        """Of points in the trained shape, with the surface's normals there.
+
+        They are what the posed mesh has outermost: the closest triangle of a closed lid would often be the eyeball's. Where that lies
+        beside a point, as between open lips, they are what is seen through it.
+        """
+        detail, sheets = self.field.detail, self.field.sheets
+        if detail is None or sheets is None:
             return None
         points, normals = (each.detach().double().cpu().numpy() for each in (position, normal))
-        return detail.places_on(*state.triangles.outer(detail.lattice.shown, points, normals))
+        face, weight, off = state.triangles.outer(sheets.outer, points, normals)
+        places = detail.places_on(face, weight, off)
+        if not sheets.end:
+            return places
+        kept = share_beside(off, normals)
+        beside = np.flatnonzero(kept < 1)
+        back = -gaze.detach().double().cpu().numpy()[beside]
+        past = self._seen_through(state, points[beside], back).faded(1 - kept[beside])
+        return places.faded(kept).with_more(beside, past)
+
+    def _seen_through(
+        self, state: FaceState, points: Float[np.ndarray, "p 3"], back: Float[np.ndarray, "p 3"]
+    ) -> TexelPlaces:
+        """Texels that are seen through points with directions `back` to the eye, however deep teeth lie behind them."""
+        detail, sheets = self.field.detail, self.field.sheets
+        assert detail is not None
+        assert sheets is not None
+        face, weight, off = state.triangles.seen(points, back)
+        share = share_beside(off, back) * sheets.laid[face]
+        off = np.where(sheets.behind[face, None], 0.0, off)
+        return detail.places_on(np.where(sheets.laid[face], face, sheets.outer[0]), weight, off).faded(share)
 
     def colour(self, state: FaceState, points: SurfacePoints, counters: Counters, impl: Impl = "auto") -> Tensor:
         """C_F (paper eq. 12) times the light on the surface's normal, brought to the body's tone."""
@@ -282,18 +324,20 @@ class Face(Part[FaceState]):
             own = self.field.colour(planes, trained, points.direction)  # no normal counts
         else:
             normal = self._normal(state, trained)
-            own = self._albedo(state, planes, trained, normal, points.direction)
+            own = self._albedo(state, planes, trained, normal, points)
             own = own * points.light.on_face(normal @ points.root_from_part.T)
         colour: Tensor = self.tone(own, points.root_direction, points.direction)
         return colour
 
-    def _albedo(self, state: FaceState, planes: Tensor, trained: Tensor, normal: Tensor, gaze: Tensor) -> Tensor:
-        """C_F of the expression, known or carried, with its texels, at points in the trained shape."""
-        places = self._places(state, trained, normal)
+    def _albedo(
+        self, state: FaceState, planes: Tensor, trained: Tensor, normal: Tensor, points: SurfacePoints
+    ) -> Tensor:
+        """C_F of the expression, known or carried, with its texels, at points that are `trained` in the trained shape."""
+        places = self._places(state, trained, normal, points.gaze)
         if state.carried is None:
-            return self.field.colour(planes, trained, gaze, places)
+            return self.field.colour(planes, trained, points.direction, places)
         seen = state.carried.seen(trained, normal)
-        return self._in_mouth(state.carried, seen, self.field.colour(planes, seen.place, gaze, places))
+        return self._in_mouth(state.carried, seen, self.field.colour(planes, seen.place, points.direction, places))
 
     def _in_mouth(self, carried: Carried, seen: Seen, colour: Float[Tensor, "p 3"]) -> Float[Tensor, "p 3"]:
         """Of points within a mouth that opens wider than any picture showed the template's colours, in its shadow: of what was

@@ -68,10 +68,12 @@ class SurfacePoints:
 
     position: Float[Tensor, "p 3"]
     """Part frame."""
-    direction: Float[Tensor, "p 3"]
+    gaze: Float[Tensor, "p 3"]
     """Unit, from the eye to the point, part frame."""
+    direction: Float[Tensor, "p 3"]
+    """The same, or what the networks are told instead."""
     root_direction: Float[Tensor, "p 3"]
-    """The same in the root frame."""
+    """`direction` in the root frame."""
     root_from_part: Float[Tensor, "3 3"]
     """Rotation."""
     light: Irradiance

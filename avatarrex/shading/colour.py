@@ -88,6 +88,8 @@ class SurfaceColour:
     """Few points: only the patches of the nodes in reach are decoded, and not kept."""
     earlier: EarlierViews | None = None
     """What earlier views of this body pose showed of it; None: every point is evaluated."""
+    told: Float[Tensor, " 3"] | None = None
+    """What the networks are told to be seen along, unit, root frame; None: what they are."""
     _decoding: Lock = field(default_factory=Lock)
 
     def colour(
@@ -105,7 +107,7 @@ class SurfaceColour:
         """
         work, body = SideBySide(), torch.nonzero(weight.sum(-1) < OPAQUE)[:, 0]
         limb = torch.full_like(body, WHOLE) if side is None else side.index_select(0, body)
-        place, towards = position.index_select(0, body), direction.index_select(0, body)
+        place, towards = position.index_select(0, body), self._said(direction.index_select(0, body))
         points = BodyPoints(place, towards, limb, None if normal is None else normal.index_select(0, body))
         seen = None if normal is None else self._seen(work, points.position)
         of_parts = [
@@ -127,6 +129,9 @@ class SurfaceColour:
                 colour = colour.index_add(0, rows, share[rows, None] * part.result())
         return colour
 
+    def _said(self, direction: Float[Tensor, "p 3"]) -> Float[Tensor, "p 3"]:
+        return direction if self.told is None else self.told.to(direction).expand_as(direction)
+
     def _add_part(
         self, work: SideBySide, column: int, position: Tensor, direction: Tensor, weight: Tensor
     ) -> tuple[Tensor, Future[Tensor] | None]:
@@ -137,7 +142,7 @@ class SurfaceColour:
         part, state = self.avatar.parts[name], self.states[name]
         part.decode_colour(state, self.counters)
         place, gaze = position.index_select(0, rows), direction.index_select(0, rows)
-        points = surface_points(self.posed.root_from_part(name), place, gaze, self.light)
+        points = surface_points(self.posed.root_from_part(name), place, gaze, self.light, self.told)
         return rows, work.add(part.colour, state, points, self.counters)
 
     def _seen(self, work: SideBySide, position: Tensor) -> Future[SeenAppearance] | None:
@@ -207,10 +212,18 @@ class SurfaceColour:
 
 
 def surface_points(
-    root_from_part: np.ndarray, position: Float[Tensor, "p 3"], direction: Float[Tensor, "p 3"], light: Irradiance
+    root_from_part: np.ndarray,
+    position: Float[Tensor, "p 3"],
+    gaze: Float[Tensor, "p 3"],
+    light: Irradiance,
+    told: Float[Tensor, " 3"] | None = None,
 ) -> SurfacePoints:
-    """Root-frame points and unit directions (from the eye) in a part's frame; `root_from_part` rigid (4, 4)."""
+    """Root-frame points and unit directions (from the eye) in a part's frame; `root_from_part` rigid (4, 4). `told`: the direction that
+    networks are told instead, root frame."""
     part_from_root = torch.as_tensor(np.linalg.inv(root_from_part)).to(position)
     turn = part_from_root[:3, :3].T
     root_turn = torch.as_tensor(root_from_part[:3, :3].copy()).to(position)
-    return SurfacePoints(position @ turn + part_from_root[:3, 3], direction @ turn, direction, root_turn, light)
+    direction = gaze if told is None else told.to(gaze).expand_as(gaze)
+    return SurfacePoints(
+        position @ turn + part_from_root[:3, 3], gaze @ turn, direction @ turn, direction, root_turn, light
+    )

@@ -8,6 +8,7 @@ import numpy as np
 import torch
 from scipy.sparse import diags_array
 from torch import Tensor
+from torch.nn.functional import normalize
 
 from avatarrex.distil.follow import Followed
 from avatarrex.distil.observe import SPREAD, Observation, Observer, from_skin_around, seen_between
@@ -83,6 +84,19 @@ def test_the_gaze_starts_as_far_in_front_as_the_lips_reach():
     )
     met = seen_between(sdf, followed, mouth, ~mouth).position[2]
     assert torch.allclose(met, torch.tensor([0.0003**0.5, 0.0, 0.01]), atol=2e-5)
+
+
+def test_a_mouth_is_looked_at_along_the_gaze_that_meets_it():
+    """What lies deeper is seen along that: a molar through the middle of the lips, not straight behind."""
+    position = torch.tensor([[0.01, 0, 0.01], [-0.01, 0, 0.01], [0.02, 0, -0.01]])
+    mouth = torch.tensor([False, False, True])
+    followed = Followed(
+        position, position, position, torch.zeros(3, 3, 4), position, torch.zeros(3, dtype=torch.bool), position + 1
+    )
+    seen = seen_between(lambda place: place[:, 2] + 0.005, followed, mouth, ~mouth)
+    line = normalize(torch.tensor([0.02, 0, -0.02]), dim=0)
+    assert torch.allclose(seen.gaze[2], line, atol=1e-5)
+    assert torch.allclose(seen.position[2], torch.tensor([0.015, 0, -0.005]), atol=2e-4)
 
 
 def test_eyes_and_mouth_have_no_colours_but_the_texture_s():

@@ -239,7 +239,7 @@ def test_another_shape_carries_the_face_that_was_learnt() -> None:
         Irradiance(torch.zeros(8, 3)),
     )
     colours = [
-        face.colour(state, SurfacePoints(points[skin], direction, direction, still, light), Counters())
+        face.colour(state, SurfacePoints(points[skin], direction, direction, direction, still, light), Counters())
         for state, points in ((small, here), (own, there))
     ]
     torch.testing.assert_close(*colours, rtol=0, atol=1e-3)

@@ -11,26 +11,34 @@ from torch import Tensor
 
 from avatarrex.avatar import Avatar
 from avatarrex.avatar_file import load_avatar, save_avatar
+from avatarrex.capture.fit.lips import touching
 from avatarrex.counters import Counters
 from avatarrex.fields.detail_texture import texel_count
 from avatarrex.fields.face import surface_normal
+from avatarrex.fields.face_sheets import share_beside
 from avatarrex.fields.light import Irradiance
 from avatarrex.ops.closest_triangle import closest_triangle
+from avatarrex.ops.outer_triangle import outer_triangle
 from avatarrex.ops.search_tree import SearchTree
 from avatarrex.parts import face as parts_face
-from avatarrex.parts.face import Face, FaceState, PosedTriangles
+from avatarrex.parts.carried import REACH
+from avatarrex.parts.face import THROUGH, Face, FaceState, Met, PosedTriangles
 from avatarrex.parts.part import SurfacePoints
 from avatarrex.signals.joints import EXPRESSION_NAMES
+from avatarrex.templates.model import TEETH
 from avatarrex.templates.person import load_person
-from avatarrex.training.core.projection import without_mouth
+from avatarrex.training.core.projection import seen_and_behind_lips
 
 SPACING = 0.004
+BACK = torch.tensor([0.0, 0.0, -1.0])
+"""A gaze from before the face."""
 
 
 def avatar(detailed: bool = True) -> Avatar:
     made = Avatar.create(load_person(), "compact", 0)
     if detailed:
-        made.face.add_detail(SPACING, torch.ones(len(made.face.own), dtype=torch.bool))
+        every = torch.ones(len(made.face.own), dtype=torch.bool)
+        made.face.add_detail(SPACING, every, ~every)
     return made
 
 
@@ -75,7 +83,7 @@ def test_texels_move_with_the_expression(monkeypatch: pytest.MonkeyPatch) -> Non
     assert detail is not None
     detail.texel.copy_(albedo(torch.from_numpy(detail.lattice.position).float()))
     face, state, moved, at_rest = posed(made, monkeypatch)
-    places, _ = face.places(state, moved)
+    places, _ = face.places(state, moved, BACK.expand_as(moved))
     assert places is not None
     off = (detail(places) - albedo(at_rest)).abs().amax(1)
     assert (at_rest - moved).norm(dim=1).max() > 0.02, "the jaw is open"
@@ -91,10 +99,14 @@ def test_colours_are_the_texels_where_the_networks_say_nothing(monkeypatch: pyte
         parameter.zero_()
     detail.texel.copy_(torch.tensor([1.0, 0.0, -2.0]))
     face, state, moved, _ = posed(made, monkeypatch)
-    points = SurfacePoints(
-        moved, torch.nn.functional.normalize(-moved, dim=-1), moved, torch.eye(3), made.light.over(np.eye(4))
+    gaze = torch.nn.functional.normalize(-moved, dim=-1)
+    points = SurfacePoints(moved, gaze, gaze, moved, torch.eye(3), made.light.over(np.eye(4)))
+    own = made.face.colour(
+        face.decode_colour(state, Counters()),
+        moved,
+        points.direction,
+        face.places(state, moved, BACK.expand_as(moved))[0],
     )
-    own = made.face.colour(face.decode_colour(state, Counters()), moved, points.direction, face.places(state, moved)[0])
     torch.testing.assert_close(own, torch.sigmoid(torch.tensor([1.0, 0.0, -2.0])).expand_as(own))
 
 
@@ -106,7 +118,8 @@ def test_a_face_is_lit_as_it_is_turned(monkeypatch: pytest.MonkeyPatch) -> None:
     turn = torch.from_numpy(Rotation.from_rotvec([0.2, 0.9, -0.1]).as_matrix()).float()
 
     def colour(light: Irradiance, head: Tensor) -> Tensor:
-        points = SurfacePoints(moved, torch.nn.functional.normalize(-moved, dim=-1), moved @ head.T, head, light)
+        gaze = torch.nn.functional.normalize(-moved, dim=-1)
+        points = SurfacePoints(moved, gaze, gaze, moved @ head.T, head, light)
         return face.colour(state, points, Counters())
 
     drawn = 0.2 * torch.randn(2, 8, 3, generator=torch.Generator().manual_seed(6))
@@ -168,14 +181,14 @@ def test_colour_parameters_are_networks_and_texels(detailed: bool) -> None:
 def test_what_lies_off_the_texels_has_none(monkeypatch: pytest.MonkeyPatch) -> None:
     """A point 1 cm before the nose, and a face without the triangles of the mouth: none of its points."""
     made = Avatar.create(load_person(), "compact", 0)
-    shown = without_mouth(made)
-    made.face.add_detail(SPACING, shown)
+    shown, behind = seen_and_behind_lips(made)
+    made.face.add_detail(SPACING, shown, torch.zeros_like(behind))
     detail, template = made.face.detail, made.person.face
     assert detail is not None
     assert torch.equal(detail.edge > 0, made.face.own & shown)
     detail.texel.copy_(torch.ones_like(detail.texel))
     face, state, moved, _ = posed(made, monkeypatch)
-    places, _ = face.places(state, moved)
+    places, _ = face.places(state, moved, BACK.expand_as(moved))
     assert places is not None
     said = detail(places)[:, 0]
     teeth = torch.cat([template.model.groups[name] for name in ("upper_teeth", "lower_teeth")])
@@ -188,7 +201,7 @@ def test_what_lies_off_the_texels_has_none(monkeypatch: pytest.MonkeyPatch) -> N
     torch.testing.assert_close(said[of_eyes], torch.ones_like(said[of_eyes]))
     nose = moved[moved[:, 2].argmax()][None]
     for away, expected in ((0.004, 1.0), (0.0075, 0.5), (0.011, 0.0)):
-        before, _ = face.places(state, nose + torch.tensor([0, 0, away]))
+        before, _ = face.places(state, nose + torch.tensor([0, 0, away]), BACK[None])
         assert before is not None
         assert float(detail(before)[0, 0]) == pytest.approx(expected, abs=0.15)
 
@@ -197,7 +210,7 @@ def test_what_lies_off_the_texels_has_none(monkeypatch: pytest.MonkeyPatch) -> N
 def test_a_closed_lid_has_the_texels_of_lids() -> None:
     """Between lid and eyeball, 1.5 mm beneath closed lids: with the eyeball white and all else black, a blink is black."""
     made = Avatar.create(load_person(), "compact", 0)
-    made.face.add_detail(SPACING, without_mouth(made))
+    made.face.add_detail(SPACING, *seen_and_behind_lips(made))
     detail, template = made.face.detail, made.person.face
     assert detail is not None
     eyes = torch.cat([template.model.groups[name] for name in ("left_eye", "right_eye")])
@@ -214,11 +227,153 @@ def test_a_closed_lid_has_the_texels_of_lids() -> None:
     )
     points = (pupils[:, None] + aside).reshape(-1, 3)
     triangles = PosedTriangles(mesh, template.faces.numpy())
-    found = triangles.outer(detail.lattice.shown, points, np.tile([0.0, 0.0, 1.0], (len(points), 1)))
-    nearest = closest_triangle(SearchTree.of_triangles(mesh, template.faces.numpy()[detail.lattice.shown]), points)[0]
-    assert ball[detail.lattice.shown[nearest]].float().mean() > 0.3
+    assert made.face.sheets is not None
+    shown = made.face.sheets.outer
+    found = triangles.outer(shown, points, np.tile([0.0, 0.0, 1.0], (len(points), 1)))
+    nearest = closest_triangle(SearchTree.of_triangles(mesh, template.faces.numpy()[shown]), points)[0]
+    assert ball[shown[nearest]].float().mean() > 0.3
     assert not ball[found[0]].any()
     assert (detail(detail.places_on(*found)) < 0).all()
+
+
+def first_facing(corner: np.ndarray, origin: np.ndarray, way: np.ndarray) -> int:
+    """Of triangles (f, 3, 3) the first that a ray meets from outside, −1 for none; Möller and Trumbore, one ray."""
+    a, ab, ac = corner[:, 0], corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]
+    across = np.cross(way, ac)
+    volume = (ab * across).sum(1)
+    volume[volume == 0] = np.inf
+    to = np.cross(origin - a, ab)
+    u, v, along = ((origin - a) * across).sum(1) / volume, (to @ way) / volume, (ac * to).sum(1) / volume
+    met = (u >= 0) & (v >= 0) & (u + v <= 1) & (along > -THROUGH[0]) & (np.cross(ab, ac) @ way < 0)
+    return int(np.where(met, along, np.inf).argmin()) if met.any() else -1
+
+
+def lipped() -> Avatar:
+    """With texels as a training lays them, which say what they are of: skin, teeth, tongue or cavity."""
+    made = Avatar.create(load_person(), "compact", 0)
+    made.face.add_detail(SPACING, *seen_and_behind_lips(made))
+    detail, sheets, model = made.face.detail, made.face.sheets, made.person.face.model
+    assert detail is not None
+    assert sheets is not None
+    teeth, tongue = (model.of_groups(names)[model.faces].all(1).numpy() for names in (TEETH, ("tongue",)))
+    said = np.stack([teeth, tongue, sheets.behind & ~teeth & ~tongue], 1).astype(np.float32)
+    with torch.no_grad():
+        detail.texel.copy_(torch.from_numpy(np.repeat(said, texel_count(detail.edge.long().numpy()), 0)))
+    return made
+
+
+def opened(made: Avatar, jaw: float = 0.5) -> tuple[Face, FaceState, Tensor]:
+    """The face with an open jaw, and points of a sheet that closes the mouth from lip to lip, as the learnt surface does."""
+    template, face = made.person.face, made.parts["face"]
+    assert isinstance(face, Face)
+    coefficients = torch.zeros(61)
+    coefficients[EXPRESSION_NAMES.index("jawOpen")] = jaw
+    mesh = template.posed(coefficients, torch.zeros(10)).float()
+    index = {vertex: row for row, vertex in enumerate(template.body_vertex_ids.tolist())}
+    pairs = touching(made.person.body)
+    upper, lower = (mesh[[index[int(vertex)] for vertex in column]] for column in pairs.T)
+    apart = (upper - lower).norm(dim=1) > 0.018 * jaw
+    assert apart.sum() > 10
+    return face, face.prepare(mesh, coefficients, Counters(), "reference"), (upper + lower)[apart] / 2
+
+
+@torch.no_grad()
+def test_past_open_lips_is_seen_what_lies_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """From several sides, as by rays cast one by one: teeth, tongue, cavity or, from above, a lip. So from a file."""
+    made = lipped()
+    save_avatar(made, tmp_path / "a.avatar")
+    loaded = load_avatar(tmp_path / "a.avatar")
+    monkeypatch.setattr(parts_face, "surface_normal", lambda distance, position: -BACK.expand_as(position))
+    faces, behind = made.person.face.faces.numpy(), made.face.sheets.behind
+    detail, (face, state, middle), again = made.face.detail, opened(made), opened(loaded)
+    corner, found = state.triangles.vertices[faces], set()
+    for gaze in ((0.0, 0.0, -1.0), (0.3, 0.0, -1.0), (-0.3, 0.3, -1.0), (0.0, -0.4, -1.0), (0.0, -1.0, -1.0)):
+        way = torch.nn.functional.normalize(torch.tensor(gaze), dim=0)
+        places, same = (one.places(at, middle, way.expand_as(middle))[0] for one, at in ((face, state), again[:2]))
+        assert torch.equal(places.texel, same.texel)
+        assert places.share.sum(1).max() < 1.001
+        torch.testing.assert_close(places.share, same.share, atol=1e-3, rtol=0)
+        rays = np.array([first_facing(corner, place.double().numpy(), way.double().numpy()) for place in middle])
+        seen, deep = detail(places).numpy(), behind[rays] & (rays >= 0)
+        assert (seen[deep].sum(1) > 0.6).all(), "lips have the rest"
+        assert (seen[~deep & (rays >= 0)].sum(1) < 0.1).all(), "no tooth is seen through a lip"
+        first = torch.from_numpy(faces[rays[deep]])
+        of_tongue = made.person.face.model.of_groups(("tongue",))[first].all(1).numpy()
+        assert np.array_equal(seen[deep].argmax(1) == 1, of_tongue)
+        found |= set(seen[deep].argmax(1).tolist()) | ({"lip"} if (~deep & (rays >= 0)).any() else set())
+    assert len(found) >= 3
+
+
+@torch.no_grad()
+def test_a_closed_mouth_shows_nothing_of_what_it_hides(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nor does skin elsewhere, however far the surface stands off along its normal, or beside."""
+    made = lipped()
+    face, detail, sheets = made.parts["face"], made.face.detail, made.face.sheets
+    assert isinstance(face, Face)
+    mesh = made.person.face.v_template.float()
+    state = face.prepare(mesh, torch.zeros(61), Counters(), "reference")
+    corner = mesh[made.person.face.faces[sheets.outer]]
+    normal = torch.nn.functional.normalize(
+        torch.linalg.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), dim=1
+    )
+    monkeypatch.setattr(parts_face, "surface_normal", lambda distance, position: normal)
+    for height in (0.0, 0.004):
+        for tilt in (0.0, 0.4):
+            gaze = torch.nn.functional.normalize(torch.tensor([0.0, tilt, 0.0]) - normal, dim=1)
+            places, _ = face.places(state, corner.mean(1) + height * normal, gaze)
+            assert places.share.sum(1).median() > 0.99
+            assert (detail(places).sum(1) < 0.1).float().mean() > 0.98
+
+
+@torch.no_grad()
+def test_avatars_of_before_have_the_nearest_texels(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of all that they have, drawn out over an open mouth."""
+    made = lipped()
+    state = {name: value for name, value in made.face.state_dict().items() if name != "detail_behind"}
+    made.face.load_state_dict(state)
+    detail, sheets = made.face.detail, made.face.sheets
+    assert not sheets.end
+    assert np.array_equal(sheets.outer, detail.lattice.shown)
+    monkeypatch.setattr(parts_face, "surface_normal", lambda distance, position: -BACK.expand_as(position))
+    face, posed_face, middle = opened(made)
+    tree = SearchTree.of_triangles(posed_face.triangles.vertices, made.person.face.faces.numpy()[sheets.outer])
+    points = middle.double().numpy()
+    row, weight = outer_triangle(tree, points, np.tile([0.0, 0.0, 1.0], (len(points), 1)), REACH)
+    corner = posed_face.triangles.vertices[made.person.face.faces.numpy()[sheets.outer[row]]]
+    expected = detail.places_on(sheets.outer[row], weight, points - np.einsum("pk,pkc->pc", weight, corner))
+    places, _ = face.places(posed_face, middle, BACK.expand_as(middle))
+    assert torch.equal(places.texel, expected.texel)
+    assert torch.equal(places.share, expected.share)
+
+
+@torch.no_grad()
+def test_a_ray_that_misses_sees_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The closest tooth lies 4 mm aside; 1 mm aside it counts, 10 cm along, too."""
+    made = lipped()
+    face, state, middle = opened(made)
+    tooth = np.flatnonzero(made.person.face.teeth[made.person.face.faces].all(1).numpy())[: len(middle)]
+    monkeypatch.setattr(parts_face, "surface_normal", lambda distance, position: -BACK.expand_as(position))
+    detail = made.face.detail
+    assert detail is not None
+    for aside, expected in ((0.001, 0.6), (0.004, 0.0)):
+
+        def seen(triangles: PosedTriangles, points: np.ndarray, back: np.ndarray, aside: float = aside) -> Met:
+            corner = np.full((len(points), 3), 1 / 3)
+            return np.resize(tooth, len(points)), corner, np.tile([aside, 0.0, 0.1], (len(points), 1))
+
+        monkeypatch.setattr(PosedTriangles, "seen", seen)
+        places, _ = face.places(state, middle, BACK.expand_as(middle))
+        assert places is not None
+        said = detail(places)[:, 0]
+        assert (said >= expected).all()
+        assert expected or not said.any()
+
+
+def test_texels_end_beside_their_places() -> None:
+    """1 to 4 mm aside, whatever lies along."""
+    along = np.tile([0.0, 0.6, 0.8], (4, 1))
+    off = np.outer([0.0, 0.001, 0.0025, 0.004], [1.0, 0.0, 0.0]) + 0.03 * along
+    np.testing.assert_allclose(share_beside(off, along), [1, 1, 0.5, 0], atol=1e-9)
 
 
 def test_a_surface_has_its_normal() -> None:

@@ -184,6 +184,13 @@ LEARNING: dict[str, Mutant] = {
         "scale = 1.0 / total",
         "tests/fields/test_detail_texture.py::test_detail_fades_out_off_the_surface",
     ),
+    "teeth looked for along the normal": Mutant(
+        "what is learnt",
+        "avatarrex/parts/face.py",
+        "back = -gaze.detach().double().cpu().numpy()[beside]",
+        "back = normals[beside]",
+        "tests/fields/test_face_detail.py::test_past_open_lips_is_seen_what_lies_behind",
+    ),
     "a plain mean of the pictures": Mutant(
         "what is learnt",
         f"{CORE}/projection.py",

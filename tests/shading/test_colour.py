@@ -13,7 +13,7 @@ from avatarrex.fields.composition import WHOLE
 from avatarrex.fields.light import Irradiance
 from avatarrex.pipeline import render_frame
 from avatarrex.settings import RenderSettings
-from avatarrex.shading.colour import SurfaceColour
+from avatarrex.shading.colour import SurfaceColour, surface_points
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.library import named_hand, named_pose
 from avatarrex.templates.parts import PARTS
@@ -92,3 +92,29 @@ def test_the_skin_of_a_fist_that_is_seen_faces_the_eye() -> None:
     assert len(normal) == len(position)
     assert (normal * gaze).sum(-1).max() < 1e-5
     torch.testing.assert_close(normal.norm(dim=-1), torch.ones(len(position)), atol=1e-5, rtol=0)
+
+
+def test_networks_are_told_another_direction_and_rays_keep_theirs() -> None:
+    """Of body and face: colours as seen along `told`; what is seen through a point is found along the gaze."""
+    avatar, told = load_avatar(), torch.tensor([0.6, 0.0, 0.8])
+    rest = Signals.rest()
+    posed = pose_person(avatar.person, rest, Counters(), None)
+    aim = tuple(map(float, posed.root_from_part("face")[:3, 3]))
+    frame = render_frame(avatar, rest, Camera.orbit(20, 0, 0.8, 28, aim, 48, 48), RenderSettings())
+    position, share = (each[frame.pointmap.hit] for each in (frame.pointmap.position, frame.pointmap.part_weight))
+    centre = torch.as_tensor(frame.camera.seen_from(posed.world_from_root(rest)).centre, dtype=torch.float32)
+    gaze = torch.nn.functional.normalize(position - centre, dim=-1)
+    states = {name: part.state for name, part in frame.volume.parts.items()}
+    paint = SurfaceColour(avatar, posed, frame.volume.body_frame, states, frame.shading.light, Counters())
+    with torch.no_grad():
+        seen, said = paint.colour(position, gaze, share), replace(paint, told=told).colour(position, gaze, share)
+        torch.testing.assert_close(said, paint.colour(position, told.expand_as(gaze), share), atol=1e-6, rtol=0)
+    for part in (share.sum(1) == 0, share[:, PARTS.index("face")] > 0.9):
+        assert part.sum() > 20
+        assert (seen - said)[part].abs().max() > 1e-3
+    place = posed.root_from_part("face")
+    points = surface_points(place, position, gaze, frame.shading.light, told)
+    turn = torch.as_tensor(place[:3, :3].copy()).float()
+    torch.testing.assert_close(points.gaze @ turn.T, gaze, atol=1e-5, rtol=0)
+    torch.testing.assert_close(points.direction @ turn.T, told.expand_as(gaze), atol=1e-5, rtol=0)
+    assert torch.equal(points.root_direction, told.expand_as(gaze))

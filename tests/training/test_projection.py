@@ -16,7 +16,8 @@ from avatarrex.capture.fit.check import posed_in_world, silhouette
 from avatarrex.capture.readers.images_store import Pictures
 from avatarrex.capture.readers.rigs import Rig, View, open_capture
 from avatarrex.capture.readers.splits import sealed
-from avatarrex.fields.detail_texture import DetailTexture
+from avatarrex.fields.detail_texture import DetailTexture, TexelPlaces
+from avatarrex.parts.face import Face, FaceState
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.sequence import SignalSequence
 from avatarrex.templates.person import load_person
@@ -95,6 +96,7 @@ def test_a_raised_surface_is_met_by_the_same_rays_nearer_the_eye(store: FrameSto
     eye = torch.as_tensor(store[index].camera(store.rig.views[view].camera).centre).float()
     higher = one.raised(torch.full((len(one.position),), 0.01))
     was, now = one.position - eye, higher.position - eye
+    torch.testing.assert_close(one.gaze.float(), torch.nn.functional.normalize(was.float(), dim=1), atol=1e-5, rtol=0)
     assert torch.nn.functional.cosine_similarity(was, now, dim=1).min() > 1 - 1e-6
     nearer = was.norm(dim=1) - now.norm(dim=1)
     assert torch.allclose(
@@ -113,6 +115,46 @@ def faces(tmp_path_factory: pytest.TempPathFactory) -> FrameStore:
     store.renew(0)
     start_from_pictures(avatar, "face", store, 0.01)
     return store
+
+
+def test_a_face_is_painted_along_the_gaze_that_it_was_seen_along(
+    faces: FrameStore, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In the head's frame."""
+    given: list[torch.Tensor] = []
+
+    def places(face: Face, state: FaceState, position: torch.Tensor, gaze: torch.Tensor) -> tuple[TexelPlaces, ...]:
+        given.extend((position, gaze))
+        return found(face, state, position, gaze)
+
+    found = Face.places
+    monkeypatch.setattr(Face, "places", places)
+    index, view = faces.pairs[0]
+    one = Picture.of(faces, index, view).sighting("face")
+    lit_pixels(faces.avatar, one, "face")
+    head_from_root = torch.from_numpy(np.linalg.inv(one.posed.root_from_part("face"))).float()
+    centre = torch.as_tensor(faces[index].camera(faces.rig.views[view].camera).centre).float()
+    position, gaze = (each.float() for each in given)
+    eye = head_from_root[:3, :3] @ centre + head_from_root[:3, 3]
+    torch.testing.assert_close(gaze, torch.nn.functional.normalize(position - eye, dim=1), atol=1e-4, rtol=0)
+
+
+def test_a_mouth_that_no_picture_shows_is_black_and_no_lip_has_its_colours(faces: FrameStore) -> None:
+    detail, sheets = faces.avatar.face.detail, faces.avatar.face.sheets
+    assert detail is not None
+    assert sheets is not None
+    sheet = sheets.of_texels(detail.edge)
+    assert 0.1 < sheet.float().mean() < 0.6
+    lip = torch.nonzero(sheet == 0)[:, 0]
+    seen = Projected(lip[:-5, None], torch.ones(len(lip) - 5, 1), torch.full((len(lip) - 5, 3), 0.5))
+    before = detail.texel.detach().clone()
+    try:
+        paint(detail, [seen], "here", 0, sheet)
+        albedo = torch.sigmoid(detail.texel.detach())
+    finally:
+        detail.texel.detach().copy_(before)
+    assert (albedo[sheet == 1] < 0.01).all()
+    torch.testing.assert_close(albedo[sheet == 0], torch.full((len(lip), 3), 0.5), atol=1e-4, rtol=0)
 
 
 @pytest.mark.parametrize("part", ["body", "face"])

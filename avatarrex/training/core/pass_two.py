@@ -134,10 +134,9 @@ class PatchPass:
         seen = tuple(listed[share.rows(len(listed))].T)
         position = pointmap.position[seen].to(self.parameters()[0].dtype)
         direction = torch.nn.functional.normalize(position - torch.as_tensor(view.centre).to(position), dim=-1)
-        direction = direction if gaze is None else gaze.to(direction).expand_as(direction)
         light = self.avatar.light.over(frame.world_from_root)
         paint = SurfaceColour(
-            self.avatar, frame.posed, volume.body_frame, frame.states(), light, Counters(), sparse=True
+            self.avatar, frame.posed, volume.body_frame, frame.states(), light, Counters(), sparse=True, told=gaze
         )
         image = position.new_zeros(*counts.shape, 3)
         if len(position):

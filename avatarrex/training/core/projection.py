@@ -32,6 +32,7 @@ from avatarrex.parts.face import Face, face_state
 from avatarrex.pointmap.point_map import PointMap
 from avatarrex.pointmap.raycast import raycast
 from avatarrex.shading.colour import surface_points
+from avatarrex.templates.mesh import within_reach
 from avatarrex.templates.model import EYES, MOUTH
 from avatarrex.training.core.agreement import agreed
 from avatarrex.training.core.frames import FrameStore, TrainingFrame
@@ -52,6 +53,8 @@ ALONE = 0.01
 ROUNDS, STRAY = 2, 0.1
 """Means after the first, and the difference in sRGB at which a pixel's weight has fallen to a quarter."""
 
+CAVITY = 0.03
+"""Metres from teeth and tongue."""
 SEEN = 1e-4
 """Weight from which a texel counts as seen."""
 
@@ -76,13 +79,14 @@ def start_from_pictures(
     """
     field = avatar.face if part == "face" else avatar.body
     if isinstance(field, FaceField):
-        field.add_detail(spacing, without_mouth(avatar))
+        field.add_detail(spacing, *seen_and_behind_lips(avatar))
     else:
         field.add_detail(spacing)
     assert field.detail is not None
     stores = [store] if store.close is None else [store, store.close]
     chosen = [(one, one.pairs[k]) for one in stores for k in _spread(len(one.pairs), PICTURES // len(stores))]
     detail, where = field.detail, f"{store.rig.name} rig"
+    sheet = field.sheets.of_texels(detail.edge) if isinstance(field, FaceField) and field.sheets else None
 
     def painted(sightings: Sequence[Sighting]) -> None:
         paint(detail, [project(avatar, one, part) for one in sightings], where, 0)
@@ -97,22 +101,24 @@ def start_from_pictures(
     for harmonics in avatar.light.learnt_with(part):
         harmonics.copy_(fit_light(harmonics, own, len(detail.texel)))
     light = Irradiance(avatar.light.harmonics, avatar.light.face)
-    paint(detail, [_projected(one, light, part) for one in seen], where, ROUNDS)
+    paint(detail, [_projected(one, light, part) for one in seen], where, ROUNDS, sheet)
     last = field.colour_net.mlp[-1] if isinstance(field, FaceField) else field.colour_blend[-1]
     for parameter in last.parameters():
         parameter.zero_()
 
 
-def without_mouth(avatar: Avatar) -> Bool[Tensor, " f"]:
-    """The face's triangles but those within the mouth, which show while it is open alone.
+def seen_and_behind_lips(avatar: Avatar) -> tuple[Bool[Tensor, " f"], Bool[Tensor, " f"]]:
+    """The face's triangles that show while the mouth is closed, and those that are hidden behind lips then: teeth, tongue, and what lies
+    around these, nostrils, too.
 
-    Lips slide over them: where the pictures' lips are not quite the template's, texels of teeth and cavity lay on lips, and
-    a smile that no picture has was dotted with them.
+    Lips slide over the latter: where the pictures' lips are not quite the template's, texels of teeth and cavity lay on lips, and a
+    smile that no picture has was dotted with them.
     """
     template = avatar.person.face
-    hidden = hidden_at_rest(avatar.face, template.v_template.float())
-    hidden = hidden & ~template.model.of_groups(EYES) | template.model.of_groups(MOUTH)
-    return ~hidden[template.faces].all(1)
+    mouth = template.model.of_groups(MOUTH)
+    hidden = hidden_at_rest(avatar.face, template.v_template.float()) & ~template.model.of_groups(EYES) | mouth
+    cavity = hidden & within_reach(template.v_template, mouth, CAVITY)
+    return ~hidden[template.faces].all(1), cavity[template.faces].all(1)
 
 
 def _spread(count: int, wanted: int) -> list[int]:
@@ -199,15 +205,24 @@ def _on_face(avatar: Avatar, sighting: Sighting) -> tuple[TexelPlaces, Tensor]:
     face = avatar.parts["face"]
     assert isinstance(face, Face)
     root_from_face, position = sighting.posed.root_from_part("face"), sighting.position
-    points = surface_points(root_from_face, position, position, sighting.light(avatar))
-    places, normal = face.places(face_state(sighting.states), points.position)
+    points = surface_points(root_from_face, position, sighting.gaze, sighting.light(avatar))
+    places, normal = face.places(face_state(sighting.states), points.position, points.gaze)
     assert places is not None
     return places, normal @ points.root_from_part.T
 
 
-def paint(detail: DetailTexture, pictures: list[Projected], where: str, rounds: int = ROUNDS) -> None:
-    """Means of what the pictures show, so many times reweighed; `where` they are from, for an error."""
+def paint(
+    detail: DetailTexture,
+    pictures: list[Projected],
+    where: str,
+    rounds: int = ROUNDS,
+    sheet: Int[Tensor, " t"] | None = None,
+) -> None:
+    """Means of what the pictures show, so many times reweighed; `where` they are from, for an error. Only texels of a `sheet` agree with each
+    other, and unseen ones have the colour of the nearest seen one of theirs: a mouth that was never open is black."""
     mean, beside = torch.zeros(len(detail.texel), 3), texel_neighbours(detail.lattice.edge, detail.lattice.faces)
+    if sheet is not None:
+        beside = beside[(sheet[beside[:, 0]] == sheet[beside[:, 1]]).numpy()]
     for round in range(1 + rounds):
         old = mean
         sums = torch.zeros(len(detail.texel), 4)
@@ -223,6 +238,6 @@ def paint(detail: DetailTexture, pictures: list[Projected], where: str, rounds: 
         total = sums[:, 0]
         if not (total > 0).any():
             raise InputError(where, "pictures", "some that show the body", "none")
-        mean = detail.continued(sums[:, 1:] / total[:, None].clamp_min(1e-12), total > SEEN)
+        mean = detail.continued(sums[:, 1:] / total[:, None].clamp_min(1e-12), total > SEEN, sheet)
         mean = agreed(mean, total, beside)
     detail.paint(mean)

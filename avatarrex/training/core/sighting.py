@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+import torch
 from jaxtyping import Float
 from torch import Tensor
 
@@ -40,6 +41,11 @@ class Sighting:
     def raised(self, height: Float[Tensor, " p"]) -> Sighting:
         """On a surface that stands so much higher."""
         return replace(self, position=self.position + height[:, None] * self.parallax)
+
+    @property
+    def gaze(self) -> Float[Tensor, "p 3"]:
+        """Unit directions from the eye."""
+        return -torch.nn.functional.normalize(self.parallax, dim=-1)
 
     @cached_property
     def beside(self) -> Neighbours:
