@@ -276,7 +276,8 @@ def from_skin_around(
 def seen_between(
     sdf: Callable[[Tensor], Tensor], followed: Followed, mouth: Bool[Tensor, " v"], rim: Bool[Tensor, " v"]
 ) -> Followed:
-    """The vertices of the `mouth` where a gaze at them from amid its `rim` meets the field, as far in front as the rim reaches."""
+    """The vertices of the `mouth` where a gaze at them from amid its `rim` meets the field, as far in front as the rim reaches. Their
+    normals are turned to where that gaze comes from: they are coloured and lit so, for the mesh's own face each other."""
     around = followed.position[rim]
     eye = torch.cat([around.mean(0)[:2], around[:, 2].amax()[None]])
     position, normal, broad = followed.position.clone(), followed.normal.clone(), followed.broad.clone()

@@ -299,6 +299,8 @@ class Face(Part[FaceState]):
             return places
         kept = share_beside(off, normals)
         beside = np.flatnonzero(kept < 1)
+        if not len(beside):
+            return places
         back = -gaze.detach().double().cpu().numpy()[beside]
         past = self._seen_through(state, points[beside], back).faded(1 - kept[beside])
         return places.faded(kept).with_more(beside, past)
@@ -340,8 +342,8 @@ class Face(Part[FaceState]):
         return self._in_mouth(state.carried, seen, self.field.colour(planes, seen.place, points.direction, places))
 
     def _in_mouth(self, carried: Carried, seen: Seen, colour: Float[Tensor, "p 3"]) -> Float[Tensor, "p 3"]:
-        """Of points within a mouth that opens wider than any picture showed the template's colours, in its shadow: of what was
-        behind closed lips nothing was learnt."""
+        """Of points within a mouth that opens wider than any picture showed the template's colours, in its shadow: of what comes to
+        light there nothing was learnt."""
         corners, mouth = self.template.faces[seen.face], self.template.mouth
         opened = carried.way[mouth].norm(dim=-1).amax() if mouth.any() else torch.zeros(())
         share = smooth_ramp(opened, *WIDER) * (seen.weight * mouth[corners]).sum(-1)

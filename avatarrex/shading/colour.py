@@ -89,7 +89,7 @@ class SurfaceColour:
     earlier: EarlierViews | None = None
     """What earlier views of this body pose showed of it; None: every point is evaluated."""
     told: Float[Tensor, " 3"] | None = None
-    """What the networks are told to be seen along, unit, root frame; None: what they are."""
+    """Unit direction, root frame, that the networks get in place of the real one, which texels and `earlier` keep; None: the real one."""
     _decoding: Lock = field(default_factory=Lock)
 
     def colour(
@@ -218,8 +218,8 @@ def surface_points(
     light: Irradiance,
     told: Float[Tensor, " 3"] | None = None,
 ) -> SurfacePoints:
-    """Root-frame points and unit directions (from the eye) in a part's frame; `root_from_part` rigid (4, 4). `told`: the direction that
-    networks are told instead, root frame."""
+    """Root-frame points and unit directions (from the eye) in a part's frame; `root_from_part` rigid (4, 4). `told`: the
+    direction that networks get in place of the real one, root frame."""
     part_from_root = torch.as_tensor(np.linalg.inv(root_from_part)).to(position)
     turn = part_from_root[:3, :3].T
     root_turn = torch.as_tensor(root_from_part[:3, :3].copy()).to(position)

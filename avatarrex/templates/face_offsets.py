@@ -29,7 +29,7 @@ NARROW = 0.65
 FADE = (0.02, 0.035)
 """Metres from the nearest node at which an offset begins to fade, and where it is 0."""
 MOST_NODES, MOST_DIRECTIONS, LARGEST, MOST_GAIN = 1000, 64, 0.2, 4.0
-"""Of a file: memory for each, metres (for a whole unit of ψ) that a face differs by at most, and g at most."""
+"""Of a file: memory for each, metres (for a whole unit of ψ) that a face differs by at most, and g at most: twice the most of a fit."""
 DIGITS = 6
 """Of metres and coefficients that are kept: a micrometre."""
 

@@ -154,7 +154,14 @@ def resize_person(person: Person, fit: PersonFit) -> Person:
     vertices, joints, directions = (
         real(each.numpy()) for each in (moved.v_template, moved.joint_template, moved.expression_dirs)
     )
-    resized = replace(person.body, v_template=vertices, joint_template=joints, expression_dirs=directions)
+    follows = moved.joint_expression_dirs
+    resized = replace(
+        person.body,
+        v_template=vertices,
+        joint_template=joints,
+        expression_dirs=directions,
+        joint_expression_dirs=None if follows is None else real(follows.numpy()),
+    )
     digest = hashlib.sha256((person.hash + json.dumps(fit.to_json())).encode())
 
     def parts(body: TemplateModel) -> Parts:

@@ -197,14 +197,15 @@ def test_gains_scale_what_expressions_move() -> None:
     gains[jaw] = 0.4
     plain = load_person()
     follows = torch.ones(55, 3, 52)
-    body = gained(gains).moved(replace(plain.body, joint_expression_dirs=follows).double())
-    wanted = torch.from_numpy(gains)
-    torch.testing.assert_close(body.expression_dirs, plain.body.expression_dirs.double() * wanted, atol=1e-9, rtol=0)
-    torch.testing.assert_close(body.joint_expression_dirs, follows.double() * wanted)
+    person = replace(plain, body=replace(plain.body, joint_expression_dirs=follows))
+    body = resize_person(person, gained(gains)).body
+    wanted = torch.from_numpy(gains).float()
+    torch.testing.assert_close(body.expression_dirs, plain.body.expression_dirs * wanted, atol=1e-8, rtol=0)
+    torch.testing.assert_close(body.joint_expression_dirs, follows * wanted)
     fit = gained(gains)
     moved = replace(fit, face=replace(fit.face, moves=WIDE[None, :, None]))
-    step = moved.moved(plain.body.double()).expression_dirs - body.expression_dirs
-    torch.testing.assert_close(step[5, :, SMILE], torch.from_numpy(WIDE))
+    step = resize_person(person, moved).body.expression_dirs - body.expression_dirs
+    torch.testing.assert_close(step[5, :, SMILE], torch.from_numpy(WIDE).float())
     assert not step[..., jaw].any()
 
 

@@ -1,5 +1,6 @@
 """A captured person's own face: its skin at rest, and what its expression shapes differ by from the template's, by colours. Ours.
 
+How far the mouth moves with each expression is found first (expression_gains.py); what follows starts from those shapes.
 Points are strewn over the template's face; their colours are the means of what all pictures of the face rig show there. The face with
 which the pictures agree is sought, over offsets (o, d) of nodes (templates/face_offsets.py):
 
@@ -30,17 +31,16 @@ from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
 from tqdm import tqdm
 
-from avatarrex.capture.fit.check import compared_frames, posed_in_world
+from avatarrex.capture.fit.check import compared_frames
 from avatarrex.capture.fit.expression_gains import fit_gains
 from avatarrex.capture.fit.eye_fit import fit_eyes
 from avatarrex.capture.fit.face_light import without_light
 from avatarrex.capture.fit.lips import away_from_lips, clear_of_lips, touching
-from avatarrex.capture.fit.paint import STRENGTH, Points, Posed, Seen, mean_colours, only, sights, trust, without_common
+from avatarrex.capture.fit.paint import Points, Posed, Seen, missed, only, sights
 from avatarrex.capture.fit.refine import shot
 from avatarrex.capture.readers.drawn import light_frame
 from avatarrex.capture.readers.rigs import Capture, Rig
 from avatarrex.capture.readers.splits import Splits
-from avatarrex.ops.skinning import blend
 from avatarrex.signals.driving import Signals
 from avatarrex.templates.face_offsets import FaceOffsets, mesh_edges, node_weights
 from avatarrex.templates.model import EYES, MOUTH, TEETH, TemplateModel
@@ -130,7 +130,7 @@ class _Field:
 
     def __init__(self, base: Person, points: Points, directions: np.ndarray, mean: np.ndarray) -> None:
         faces = base.body.faces.numpy()
-        self.directions, self.mean, self.patch = directions, mean, points.patch
+        self.directions, self.mean, self.points = directions, mean, points
         self.at_rest = np.array([1.0, *-(directions @ mean)])  # φ where ψ = 0
         self.nodes, between = _spread(base.body, np.unique(faces[points.face]))
         eye = base.body.of_groups(EYES).numpy()[list(self.nodes)]
@@ -149,7 +149,7 @@ class _Field:
         tied = np.eye(len(self.nodes)) + TIE * _differences(_neighbours(between) + FLESH * _flesh(place, normal))
         self.stiffness = tied[..., None] / (sigma[:, None] * sigma)
         self.stiffness[..., 0] += TIE * LIDS / REST_SIGMA**2 * _differences(_lids(base.body, self.nodes))
-        self.gains = np.ones(0)  # of expressions
+        self.gains = np.ones(0)  # of expressions (expression_gains.py)
         self.parted = np.zeros((len(self.across), 3))  # what the fit of the skin moved lips apart by
 
     def begin(self, base: Person, surface: SurfaceOffsets | None) -> None:
@@ -163,18 +163,10 @@ class _Field:
 
     def improve(self, person: Person, signals: Sequence[Signals], seen: Sequence[list[Seen]]) -> None:
         """One step of Gauss and Newton from the face of `person`; `seen` by frame and picture."""
-        everything = [(row, cosine**2, colour) for pictures in seen for row, cosine, colour, _ in pictures]
-        mean, known = mean_colours(everything, len(self.place))
         sums = _Sums(self.place, 1 + len(self.directions))
-        for one, pictures in zip(signals, seen):
-            posed, world = posed_in_world(person, one)
-            turn = world[:3, :3] @ blend(posed.skinning, person.body.weights)[self.skin, :3, :3].double().numpy()
-            phi = np.array([1.0, *self.directions @ (one.expression - self.mean)])
-            for row, cosine, colour, slope in pictures:
-                shown = known[row]
-                row, weight = row[shown], STRENGTH * cosine[shown]
-                off = without_common(self.patch[row], weight, mean[row] - colour[shown])
-                sums.add(row, slope[shown] @ turn[self.place[row]], off, weight * trust(off), phi)
+        for each in missed(person, self.points, signals, seen):
+            phi = np.array([1.0, *self.directions @ (each.signals.expression - self.mean)])
+            sums.add(each.row, each.slope, each.off, each.weight, phi)
         self.now += self._solved(*sums.equations())
 
     def _solved(self, form: np.ndarray, pull: np.ndarray) -> np.ndarray:
@@ -217,7 +209,7 @@ class _Field:
         """What has been found; ψ = 0 is rest."""
         rest, inner = self._rest(), self.behind.any(1)
         rest[inner] = self.behind[inner] @ rest
-        return FaceOffsets(self.nodes, rest, self.directions, self.now[..., 1:], True, self.gains)
+        return FaceOffsets(self.nodes, rest, self.directions, self.now[..., 1:], eye_joints=True, gains=self.gains)
 
 
 class _Sums:

@@ -59,8 +59,8 @@ def _normals(person: Person, points: Points, signals: Sequence[Signals], frame: 
     faces = person.body.faces
     for one in signals:
         posed, world = posed_in_world(person, one)
-        normal = vertex_normals(posed.vertices.double(), faces).numpy()[faces.numpy()[points.face]]
-        between = np.einsum("pk,pkc->pc", points.share, normal)
+        normal = vertex_normals(posed.vertices.double(), faces).numpy()
+        between = points.between(normal, faces.numpy())
         if frame == "world":
             between = between @ world[:3, :3].T
         yield between / np.linalg.norm(between, axis=1, keepdims=True).clip(1e-9)

@@ -42,11 +42,11 @@ def touching(body: TemplateModel) -> np.ndarray:
 
 def away_from_lips(body: TemplateModel, points: Points) -> np.ndarray:
     """(p,) to the nearest vertex of lips that touch; infinite where none do."""
-    rest, faces = body.v_template.double().numpy(), body.faces.numpy()[points.face]
+    rest = body.v_template.double().numpy()
     line = rest[np.unique(touching(body))]
     if not len(line):
-        return np.full(len(faces), np.inf)
-    found: np.ndarray = cKDTree(line).query(np.einsum("pk,pkc->pc", points.share, rest[faces]))[0]
+        return np.full(len(points.face), np.inf)
+    found: np.ndarray = cKDTree(line).query(points.between(rest, body.faces.numpy()))[0]
     return found
 
 

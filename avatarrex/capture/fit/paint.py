@@ -18,8 +18,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial import cKDTree
 
-from avatarrex.capture.fit.check import template_surface
+from avatarrex.capture.fit.check import posed_in_world, template_surface
 from avatarrex.capture.fit.photo import Photo
+from avatarrex.ops.skinning import blend
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.joints import JOINT_NAMES, JOINT_ROWS
 from avatarrex.templates.person import Person, load_person
@@ -65,6 +66,11 @@ class Points:
     tolerance: float = DEPTH_TOLERANCE
     """Metres that one may lie beyond the first surface and be seen."""
 
+    def between(self, values: np.ndarray, faces: np.ndarray) -> np.ndarray:
+        """(p, ...) at the points, of `values` (v, ...) at the vertices of triangles (f, 3)."""
+        found: np.ndarray = np.einsum("pk,pk...->p...", self.share, values[faces[self.face]])
+        return found
+
     def chosen(self, kept: np.ndarray) -> Points:
         """Those that are `kept` (p,) bool, patches as they are."""
         return replace(self, face=self.face[kept], share=self.share[kept], patch=self.patch[kept])
@@ -82,6 +88,21 @@ class Points:
         place = np.einsum("pk,pkc->pc", share, rest[faces[face]])
         centres = place[rng.choice(POINTS, PATCHES, replace=False)]
         return cls(face, share, cKDTree(centres).query(place)[1])
+
+
+@dataclass(frozen=True, eq=False)
+class Missed:
+    """What a picture shows of some points otherwise than the mean of all pictures, without what a patch of points has in common."""
+
+    row: np.ndarray
+    """(p,) which points."""
+    slope: np.ndarray
+    """(p, 3, 3) of the picture, by channel, along the axes of rest."""
+    off: np.ndarray
+    """(p, 3) the mean less the picture, sRGB."""
+    weight: np.ndarray
+    """(p,) ω/σ_c²."""
+    signals: Signals
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,13 +192,28 @@ def sights(person: Person, points: Points, posed: Posed, blur: float) -> Iterato
     """What each of the pictures shows of the points (`Seen`). What reading one raises is raised."""
     signals, photos = posed
     vertices, faces = template_surface(person, signals)[0], person.body.faces.numpy()
-    place = np.einsum("pk,pkc->pc", points.share, vertices[faces[points.face]])
+    place = points.between(vertices, faces)
     for photo in photos:
         depth = float(np.median(photo.camera.seen(vertices)[:, 2]))
         picture = photo.blurred(max(depth, 0.1), blur)
         cosine = picture.shows(vertices, faces, points.face, place, points.tolerance)
         row = np.flatnonzero(cosine)
         yield row, cosine[row], *picture.at(place[row])
+
+
+def missed(person: Person, points: Points, signals: Sequence[Signals], seen: Sequence[list[Seen]]) -> Iterator[Missed]:
+    """What each picture shows otherwise than the points' means; `seen` by frame and picture."""
+    everything = [(row, cosine**2, colour) for pictures in seen for row, cosine, colour, _ in pictures]
+    mean, known = mean_colours(everything, len(points.face))
+    nearest = person.body.faces.numpy()[points.face, points.share.argmax(1)]
+    for one, pictures in zip(signals, seen):
+        posed, world = posed_in_world(person, one)
+        turn = world[:3, :3] @ blend(posed.skinning, person.body.weights)[:, :3, :3].double().numpy()
+        for row, cosine, colour, slope in pictures:
+            shown = known[row]
+            row, weight = row[shown], STRENGTH * cosine[shown]
+            off = without_common(points.patch[row], weight, mean[row] - colour[shown])
+            yield Missed(row, slope[shown] @ turn[nearest[row]], off, weight * trust(off), one)
 
 
 def only(sight: Seen, kept: np.ndarray) -> Seen:

@@ -108,11 +108,11 @@ def start_from_pictures(
 
 
 def seen_and_behind_lips(avatar: Avatar) -> tuple[Bool[Tensor, " f"], Bool[Tensor, " f"]]:
-    """The face's triangles that show while the mouth is closed, and those that are hidden behind lips then: teeth, tongue, and what lies
-    around these, nostrils, too.
+    """The face's triangles that show while the mouth is closed, and those that are hidden then: teeth, tongue, and what lies within
+    `CAVITY` of these, the inside of the nostrils among it.
 
-    Lips slide over the latter: where the pictures' lips are not quite the template's, texels of teeth and cavity lay on lips, and a
-    smile that no picture has was dotted with them.
+    Lips slide over the latter, whose texels are therefore met along the gaze alone (fields/face_sheets.py): along the surface's normal
+    they lay on lips, and a smile that no picture has was dotted with them.
     """
     template = avatar.person.face
     mouth = template.model.of_groups(MOUTH)
