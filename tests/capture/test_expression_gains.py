@@ -75,6 +75,8 @@ def test_pictures_that_show_little_change_little(
     few = fit_gains(with_gains({}), points, shown, "world")[JAW]
     assert 1 - few < 0.3 * (1 - many)
     assert 1 - many > 0.1
+    monkeypatch.setattr(expression_gains, "POINTS_A_VOTE", 1e15)
+    assert fit_gains(with_gains({JAW: 0.6}), points, shown, "world")[JAW] == pytest.approx(1, abs=1e-3)
 
 
 def test_gains_stay_within_what_faces_have(points: Points, shown: list[Posed], monkeypatch: pytest.MonkeyPatch) -> None:
