@@ -129,6 +129,14 @@ def test_colours_are_eliminated_exactly(points: Points, shown: list[Posed]) -> N
     assert len(few.face) > 40
 
 
+def test_what_all_frames_share_is_not_sought(points: Points) -> None:
+    """A face of another rest would look like it."""
+    opened = ({"jawOpen": 0.5}, {"jawOpen": 0.5, "mouthSmileLeft": 0.8})
+    found = fit_gains(with_gains({}), points, pictures(with_gains({JAW: 0.45}), expressions=opened), "world")
+    assert found[JAW] == 1
+    assert found[SMILES[0]] != 1
+
+
 def test_points_are_about_the_mouth(points: Points) -> None:
     """No lid is among them: what it hides of an eyeball changes as it moves."""
     body = load_person().body
