@@ -1,4 +1,4 @@
-"""Sabotage of what a distillation does about mouth and lids, each as a text replacement and the test that must then fail."""
+"""Sabotage of what a fit and a distillation do about mouth and lids, each as a text replacement and the test that must then fail."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from mutations.mutants import Mutant
 
 DISTIL = "avatarrex/distil"
 HIDDEN, BAKE, OBSERVE = (f"tests/distil/test_{name}.py" for name in ("hidden", "bake", "observe"))
+GAINS = "tests/capture/test_expression_gains.py"
 
 MOUTH: dict[str, Mutant] = {
     "lids seen from the front alone": Mutant(
@@ -49,5 +50,19 @@ MOUTH: dict[str, Mutant] = {
         "eye = torch.cat([around.mean(0)[:2], around[:, 2].amax()[None]])",
         "eye = around.mean(0)",
         f"{OBSERVE}::test_the_gaze_starts_as_far_in_front_as_the_lips_reach",
+    ),
+    "gains that know the points' colours": Mutant(
+        "mouth and lids",
+        "avatarrex/capture/fit/expression_gains.py",
+        "form - same @ common.reshape(-1, count)",
+        "form",
+        f"{GAINS}::test_colours_are_eliminated_exactly",
+    ),
+    "gains drawn away from the template's": Mutant(
+        "mouth and lids",
+        "avatarrex/capture/fit/expression_gains.py",
+        "pull / POINTS_A_VOTE - (gains - 1)",
+        "pull / POINTS_A_VOTE + (gains - 1)",
+        f"{GAINS}::test_pictures_that_show_little_change_little",
     ),
 }
