@@ -29,7 +29,7 @@ from capture.tiny_capture import TinyCapture
 from scipy.spatial import cKDTree
 
 from avatarrex.camera import Camera
-from avatarrex.capture.fit import expression_gains, face_fit
+from avatarrex.capture.fit import expression_gains, face_fit, lips
 from avatarrex.capture.fit.capture_fit import fit_geometry
 from avatarrex.capture.fit.check import template_surface
 from avatarrex.capture.fit.face_fit import fit_face, fit_to_pictures
@@ -277,7 +277,7 @@ def test_lips_do_not_open_though_no_point_is_between_them(monkeypatch: pytest.Mo
 
     closed = abs(opened())
     monkeypatch.setattr(face_fit, "CLOSED", 0.0)
-    monkeypatch.setattr(face_fit, "BESIDE", 0.0)
+    monkeypatch.setattr(lips, "BESIDE", 0.0)
     assert closed < 0.1
     assert opened() > 0.5
 
