@@ -212,8 +212,9 @@ def test_a_part_is_painted_in_the_light_that_was_found(
             assert light.tolist() == lamp.tolist()
             assert field.detail is not None
             albedo[brightness] = torch.sigmoid(field.detail.texel).detach()
-        front = torch.from_numpy(field.detail.lattice.position)[:, 2].topk(40).indices
-        assert (albedo[0.2][front] / albedo[0.0][front]).median() < 0.9, "what is lit from the front is painted darker"
+        depth = torch.from_numpy(field.detail.lattice.position)[:, 2]
+        front = depth.topk(len(depth) // 25).indices  # more than a toe, which few pixels show
+        assert (albedo[0.2][front] / albedo[0.0][front]).median() < 0.94, "what is lit from the front is painted darker"
     finally:
         field.detail = kept
         light.detach().copy_(before)
