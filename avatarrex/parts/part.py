@@ -71,7 +71,7 @@ class SurfacePoints:
     gaze: Float[Tensor, "p 3"]
     """Unit, from the eye to the point, part frame."""
     direction: Float[Tensor, "p 3"]
-    """The same, or what the networks are told instead."""
+    """What colour networks get as the viewing direction: `gaze`, or one given in its place (`SurfaceColour.told`)."""
     root_direction: Float[Tensor, "p 3"]
     """`direction` in the root frame."""
     root_from_part: Float[Tensor, "3 3"]

@@ -130,6 +130,7 @@ class SurfaceColour:
         return colour
 
     def _said(self, direction: Float[Tensor, "p 3"]) -> Float[Tensor, "p 3"]:
+        """What colour networks get as the viewing direction."""
         return direction if self.told is None else self.told.to(direction).expand_as(direction)
 
     def _add_part(

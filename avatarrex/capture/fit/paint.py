@@ -103,6 +103,7 @@ class Missed:
     weight: np.ndarray
     """(p,) ω/σ_c²."""
     signals: Signals
+    """Of the frame."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -219,7 +219,7 @@ def paint(
     sheet: Int[Tensor, " t"] | None = None,
 ) -> None:
     """Means of what the pictures show, so many times reweighed; `where` they are from, for an error. Only texels of a `sheet` agree with each
-    other, and unseen ones have the colour of the nearest seen one of theirs: a mouth that was never open is black."""
+    other, and unseen ones have the colour of the nearest seen one of theirs; where none of a sheet was seen, its texels stay black."""
     mean, beside = torch.zeros(len(detail.texel), 3), texel_neighbours(detail.lattice.edge, detail.lattice.faces)
     if sheet is not None:
         beside = beside[(sheet[beside[:, 0]] == sheet[beside[:, 1]]).numpy()]
