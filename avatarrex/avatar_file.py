@@ -49,7 +49,8 @@ DETAILED = ("body", "face")
 each triangle."""
 OUTGROWTH = {"body.outgrowth.first": 1, "body.outgrowth.distance": 3}
 """What an avatar with an outgrowth has, and of how many dimensions."""
-HUNG = "body.outgrowth.joint"
+HUNG, ANCHORS = "body.outgrowth.joint", "body.outgrowth.anchor"
+"""What one has that hangs on a joint; those of before 2026-11-29 have no anchors."""
 FILES = {"avatar.json": SMALL, "weights.safetensors": 2**30}
 """Bytes that either file may unpack to; the paper's preset has 90 MB of weights."""
 SLIDE = "body.slide.share"
@@ -259,6 +260,11 @@ def _is_below(number: Tensor, count: int) -> bool:
     return number.numel() == 1 and not number.is_floating_point() and 0 <= int(number) < count
 
 
+def _are_points(places: Tensor) -> bool:
+    """Whether they are some finite places (n, 3)."""
+    return places.dim() == 2 and places.shape[1] == 3 and len(places) > 0 and bool(places.isfinite().all())
+
+
 def _expect(path: Path, avatar: Avatar, state: dict[str, Tensor]) -> None:
     """Give fields and light what not every avatar has, of which tensors are in `state`, after checking what these must be."""
     body, face = (len(each.faces) for each in (avatar.person.body, avatar.person.face))
@@ -285,6 +291,9 @@ def _expect(path: Path, avatar: Avatar, state: dict[str, Tensor]) -> None:
     if HUNG in state and not _is_below(state[HUNG], joints):
         expected = f"the number of a joint, 0 to {joints - 1}"
         raise InputError(path, f"weights.safetensors: {HUNG}", expected, state[HUNG].tolist())
+    if ANCHORS in state and (HUNG not in state or not _are_points(state[ANCHORS])):
+        expected = f"places (o, 3) beside a {HUNG}"
+        raise InputError(path, f"weights.safetensors: {ANCHORS}", expected, tuple(state[ANCHORS].shape))
     shapes = {
         SLIDE: (len(avatar.body.node_vertex), JOINTS),
         RELIEF: (len(avatar.body.anchor_vertex),),

@@ -87,8 +87,9 @@ def _with_extras() -> Avatar:
     body.raise_surface(0.01 * torch.rand(len(body.sample_rest), generator=torch.Generator().manual_seed(2)))
     first = (body.template.v_template[body.template.v_template[:, 1].argmax()] / VOXEL).round().long() - 10
     place = torch.stack(torch.meshgrid(*[torch.arange(21)] * 3, indexing="ij"), -1)
-    body.outgrowth = Outgrowth(first, (place - 10.0).norm(dim=-1) * VOXEL - 0.04, torch.tensor(15))
-    body.outgrowth.lay(body.template.v_template)
+    ball = Outgrowth(first, (place - 10.0).norm(dim=-1) * VOXEL - 0.04).hanging_on(15, 0.02)
+    ball.lay(body.template.v_template)
+    body.set_outgrowth(ball)
     return avatar
 
 
@@ -113,6 +114,9 @@ def test_texels_slide_relief_and_outgrowth_are_kept(tmp_path: Path) -> None:
         assert torch.equal(again.body.slide.reach, avatar.body.slide.reach)
         assert torch.equal(found["body.outgrowth.distance"], wanted["body.outgrowth.distance"].half().float())
         assert int(found["body.outgrowth.joint"]) == 15
+        anchor = wanted["body.outgrowth.anchor"].half().float()
+        assert torch.equal(found["body.outgrowth.anchor"], anchor)
+        assert torch.equal(again.body.sample_rest[-len(anchor) :], anchor)
         avatar = again  # saved once more, nothing changes
     assert (tmp_path / "a.avatar").stat().st_size == pytest.approx((tmp_path / "b.avatar").stat().st_size, rel=1e-3)
 
@@ -141,6 +145,9 @@ def test_texels_slide_relief_and_outgrowth_are_kept(tmp_path: Path) -> None:
         ("body.outgrowth.joint", torch.tensor(55), "the number of a joint, 0 to 54, found 55"),
         ("body.outgrowth.joint", torch.tensor([1, 2]), "the number of a joint"),
         ("body.outgrowth.joint", torch.tensor(float("nan")), "the number of a joint"),
+        ("body.outgrowth.anchor", torch.zeros(4), r"places \(o, 3\) beside"),
+        ("body.outgrowth.anchor", torch.zeros(0, 3), r"places \(o, 3\) beside"),
+        ("body.outgrowth.anchor", torch.full((4, 3), float("nan")), r"places \(o, 3\) beside"),
     ],
 )
 def test_broken_texels_slides_reliefs_and_outgrowths_are_refused(

@@ -45,7 +45,7 @@ from avatarrex.fields.texel_mesh import texel_height, texel_mesh
 from avatarrex.ops import native
 from avatarrex.ops.encoding import Encoding, channels
 from avatarrex.ops.farthest_points import farthest_points
-from avatarrex.ops.skinning import blend, blend_rotations, invert_affine
+from avatarrex.ops.skinning import blend, blend_rotations, invert_affine, skin
 from avatarrex.templates.mesh import vertex_normals
 from avatarrex.templates.model import PosedTemplate, TemplateModel
 
@@ -57,6 +57,8 @@ CLOTH = 0.02
 """How far the surface may stand off the template when the empty space is filled, metres."""
 MAX_CLOTHING_OFFSET = 0.04
 """Metres: cloth and hair that stand off farther are not measured."""
+APART = 10.0
+"""Metres that an outgrowth's anchors count as being off the skin's (`Samples.gate_rest`)."""
 VISIBLE = 16.0
 """sRGB per metre: a change of colour by 4/255 counts as much as a millimetre."""
 LEAST_FILL = 0.005
@@ -105,11 +107,14 @@ class BodyField(nn.Module):
     node_weights: Tensor
     node_part: Tensor
     sample_vertex: Tensor
+    """(s,) of each anchor of the skin, as `sample_anchor`; the other `sample_*` have those of an outgrowth after them (a = s + o)."""
     sample_rest: Tensor
     sample_weights: Tensor
     sample_owner: Tensor
     sample_normal: Tensor
     sample_anchor: Tensor
+    sample_gate_rest: Tensor
+    """(a, 3) rest positions, an outgrowth's `APART` from the skin's (`Samples.gate_rest`)."""
     relief: Tensor | None
     """Metres that the surface stands off where the networks have it along the normal at rest, of each anchor, in every pose."""
     detail_height: Tensor | None
@@ -131,6 +136,7 @@ class BodyField(nn.Module):
         widths = preset.body
         self.widths, self.local_frame, self.template = widths, local_frame, model
         self.slide: Slide | None = None
+        self.outgrowth: Outgrowth | None = None
         self.register_buffer("relief", None)
         self.register_buffer("detail_height", None)
         self.register_buffer("node_vertex", farthest_points(model.v_template, widths.nodes, seed))
@@ -161,10 +167,9 @@ class BodyField(nn.Module):
         )
         self.colour_blend = mlp((widths.colour_feature + direction, *widths.colour_blend, 3), "relu")
         self.detail: DetailTexture | None = None
-        self.outgrowth: Outgrowth | None = None
 
     def place(self) -> None:
-        """Derive the nodes' rest geometry from their template vertices (after they were sampled or loaded)."""
+        """Derive rest positions, normals and weights of nodes and anchors (after these were chosen or loaded)."""
         model, vertex = self.template, self.node_vertex.cpu()
         like = self.clothing_offset
         normal = node_normals(model, vertex)
@@ -172,23 +177,45 @@ class BodyField(nn.Module):
         kept = torch.nonzero(~self.replaced.cpu()[sampled])[:, 0]
         sampled = sampled[kept]
         rest = model.v_template
+        of_skin = rest[sampled], model.normals[sampled], model.weights[sampled]
+        anchor, outward, weights = (torch.cat(each) for each in zip(of_skin, *self._hung_anchors()))
+        gate_rest = anchor.clone()
+        gate_rest[len(sampled) :, 0] += APART
         derived = {
             "node_rest": rest[vertex],
             "node_axes": plane_axes(normal),
             "node_weights": model.weights[vertex],
-            "sample_rest": rest[sampled],
-            "sample_normal": model.normals[sampled],
-            "sample_weights": model.weights[sampled],
+            "sample_rest": anchor,
+            "sample_normal": outward,
+            "sample_weights": weights,
+            "sample_gate_rest": gate_rest,
         }
         for name, value in derived.items():
             self.register_buffer(name, value.to(like), persistent=False)
         self.register_buffer("sample_vertex", sampled.to(like.device), persistent=False)
         self.register_buffer("sample_anchor", kept.to(like.device), persistent=False)
-        owner = torch.cdist(rest[sampled], rest[vertex]).argmin(1)
+        owner = torch.cdist(anchor, rest[vertex]).argmin(1)
         self.register_buffer("sample_owner", owner.to(like.device), persistent=False)
         labels = part_labels(model.joint_names, model.weights[vertex])
         self.register_buffer("node_part", labels.to(like.device), persistent=False)
         self._lay_slide()
+
+    def _hung_anchors(self) -> list[tuple[Tensor, Tensor, Tensor]]:
+        """Of an outgrowth that hangs on a joint, after those of the skin: places and outward directions at rest, skinning weights."""
+        own, like = self.outgrowth, self.template.v_template
+        if own is None or own.joint is None or own.anchor is None:
+            return []
+        anchor = own.anchor.double()
+        weights = self.template.weights.new_zeros(len(anchor), self.template.weights.shape[1])
+        weights[:, int(own.joint)] = 1
+        return [(anchor.to(like), torch.from_numpy(own.outward(anchor.numpy())).to(like), weights)]
+
+    def set_outgrowth(self, outgrowth: Outgrowth | None) -> None:
+        """Have one, or none."""
+        self.outgrowth = outgrowth
+        if outgrowth is not None:
+            outgrowth.lay(self.template.v_template)
+        self.place()
 
     @torch.no_grad()
     def measure_clothing_offset(self, posed: PosedTemplate, code: BodyCode) -> None:
@@ -237,7 +264,8 @@ class BodyField(nn.Module):
         """Of the clothes, metres: `clothing_offset` without the relief, which rest positions do not contain."""
         if self.relief is None:
             return self.clothing_offset
-        nearest = torch.cdist(self.template.v_template.to(self.sample_rest), self.sample_rest).argmin(1)
+        of_skin = self.sample_rest[: len(self.sample_anchor)]
+        nearest = torch.cdist(self.template.v_template.to(of_skin), of_skin).argmin(1)
         thickness = self.clothing_offset - self.relief[self.sample_anchor][nearest]
         return thickness.clamp_max(MAX_CLOTHING_OFFSET)
 
@@ -250,14 +278,15 @@ class BodyField(nn.Module):
         self._lay_slide()
 
     def raise_surface(self, height: Float[Tensor, " a"]) -> None:
-        """Let the surface stand so many metres higher at each sample, along the skin's normal at rest."""
+        """Let the surface stand so many metres higher at each sample of the skin, along its normal at rest."""
         if self.relief is None:
             self.relief = self.clothing_offset.new_zeros(len(self.anchor_vertex))
         self.relief[self.sample_anchor] += height.to(self.relief)
 
     def _lay_slide(self) -> None:
         if self.slide is not None:
-            self.slide.lay(self.template.v_template[self.node_vertex.cpu()].to(self.sample_rest), self.sample_rest)
+            nodes = self.template.v_template[self.node_vertex.cpu()].to(self.sample_rest)
+            self.slide.lay(nodes, self.sample_rest, len(self.sample_anchor))
 
     def expect(self, state: Mapping[str, Tensor]) -> None:
         """Have the static detail, the slide and the outgrowth that a state to be loaded has, by its tensors' shapes, or none."""
@@ -274,7 +303,10 @@ class BodyField(nn.Module):
         if {"outgrowth.first", "outgrowth.distance"} <= set(state):
             joint = state.get("outgrowth.joint")
             joint = None if joint is None else joint.clone()
-            self.outgrowth = Outgrowth(state["outgrowth.first"].clone(), state["outgrowth.distance"].float(), joint)
+            anchor = state.get("outgrowth.anchor")
+            anchor = None if anchor is None else anchor.float().clone()
+            first, distance = state["outgrowth.first"].clone(), state["outgrowth.distance"].float()
+            self.outgrowth = Outgrowth(first, distance, joint, anchor)
             self.outgrowth.lay(self.template.v_template)
 
     @property
@@ -292,26 +324,34 @@ class BodyField(nn.Module):
         node_from_rest = self._onto(posed, self.node_weights, self.node_rest, self.node_vertex)
         node_rest = self.node_rest + code.residual
         position = (node_from_rest[:, :, :3] @ node_rest[:, :, None])[:, :, 0] + node_from_rest[:, :, 3]
-        vertex = self.sample_vertex
-        onto = self._onto(posed, self.sample_weights, self.sample_rest, vertex)
+        cover = covering_radius(posed.vertices.detach(), position.detach()) + CLOTH
+        return BodyFrame(code, position, node_rest, node_from_rest, self._samples(posed), cover)
+
+    def _samples(self, posed: PosedTemplate) -> Samples:
+        """The anchors of the skin in this pose, then those of an outgrowth that hangs on a joint."""
+        vertex, s = self.sample_vertex, len(self.sample_vertex)
+        onto = self._onto(posed, self.sample_weights[:s], self.sample_rest[:s], vertex)
+        onto = torch.cat([onto, blend(posed.skinning, self.sample_weights[s:])])
         outward = F.normalize((onto[:, :, :3] @ self.sample_normal[:, :, None])[:, :, 0], dim=-1)
+        worn = posed.vertices[vertex] + outward[:s] * self.clothing_offset[vertex, None]
         samples = Samples(
             self.sample_rest,
-            posed.vertices[vertex] + outward * self.clothing_offset[vertex, None],
+            torch.cat([worn, skin(onto[s:], self.sample_rest[s:])]),
             outward,
             self._raised(invert_affine(onto)),
             self.sample_owner,
-            ANCHOR_SIGMA * (2048 / len(vertex)) ** 0.5,
+            ANCHOR_SIGMA * (2048 / s) ** 0.5,
+            gate_rest=self.sample_gate_rest,
         )
-        samples = self.slid(samples, posed.skinning)
-        cover = covering_radius(posed.vertices.detach(), position.detach()) + CLOTH
-        return BodyFrame(code, position, node_rest, node_from_rest, samples, cover)
+        return self.slid(samples, posed.skinning)
 
     def _raised(self, rest_from_posed: Float[Tensor, "a 3 4"]) -> Float[Tensor, "a 3 4"]:
         """With the relief: what stands δ higher is looked up δ further in."""
         if self.relief is None:
             return rest_from_posed
-        offset = rest_from_posed[:, :, 3] - self.relief[self.sample_anchor, None] * self.sample_normal
+        height = self.relief.new_zeros(len(self.sample_rest))
+        height[: len(self.sample_anchor)] = self.relief[self.sample_anchor]
+        offset = rest_from_posed[:, :, 3] - height[:, None] * self.sample_normal
         return torch.cat([rest_from_posed[:, :, :3], offset[:, :, None]], -1)
 
     def slid(self, samples: Samples, skinning: Float[Tensor, "k 4 4"]) -> Samples:

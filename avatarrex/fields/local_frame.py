@@ -49,7 +49,7 @@ OPEN, SHUT = 4.0, 6.0
 
 @dataclass(frozen=True)
 class Samples:
-    """Template samples at one pose, each with the transform of its place."""
+    """Anchors at one pose, of the skin and of what hangs on a joint, each with the transform of its place."""
 
     rest: Float[Tensor, "a 3"]
     position: Float[Tensor, "a 3"]
@@ -62,6 +62,13 @@ class Samples:
     spread: float
     slide: Float[Tensor, "a 3"] | None = None
     """What is painted there comes from so far beside at rest (slide.py), metres; None: from there."""
+    gate_rest: Float[Tensor, "a 3"] | None = None
+    """Rest positions by which limbs are told apart; None: `rest`. An outgrowth's are far from the skin's: what hangs over a back mixes with
+    the back's anchors no more than another limb's would."""
+
+    @property
+    def _gated(self) -> Float[Tensor, "a 3"]:
+        return self.rest if self.gate_rest is None else self.gate_rest
 
     @cached_property
     def tree(self) -> SearchTree:
@@ -90,8 +97,8 @@ class Samples:
         """Only the samples that the nodes of the mask (n,) own."""
         keep = nodes[self.owner]
         rows = ("rest", "position", "outward", "rest_from_posed", "owner")
-        slide = None if self.slide is None else self.slide[keep]
-        return replace(self, **{name: getattr(self, name)[keep] for name in rows}, slide=slide)
+        slide, gate_rest = (None if each is None else each[keep] for each in (self.slide, self.gate_rest))
+        return replace(self, **{name: getattr(self, name)[keep] for name in rows}, slide=slide, gate_rest=gate_rest)
 
     def neighbours_of(self, position: Float[Tensor, "p 3"], impl: str = "auto") -> Neighbours:
         """The samples that carry every point, and their weights; differentiable in the point. `impl`: `auto`, `torch`."""
@@ -103,7 +110,7 @@ class Samples:
         shape = index.shape
         offset = position.T[:, :, None] - take(self.position, index.flatten()).unflatten(1, shape)
         squared = offset.square().sum(0)
-        rest = take(self.rest, index.flatten()).unflatten(1, shape)
+        rest = take(self._gated, index.flatten()).unflatten(1, shape)
         height = (offset * take(self.outward, index.flatten()).unflatten(1, shape)).sum(0).detach()
         limb = (height * height.abs() + ASIDE * squared.detach()).argmin(1)
         leader = rest.gather(2, limb[None, :, None].expand(3, -1, 1))
@@ -115,7 +122,7 @@ class Samples:
 
     def _weights(self, position: Tensor, index: Tensor) -> Tensor:
         """Those of `neighbours_of` by compiled loops."""
-        tables = (table.contiguous().numpy() for table in (self.position, self.rest, self.outward))
+        tables = (table.contiguous().numpy() for table in (self.position, self._gated, self.outward))
         constants = map(np.float32, (self.spread, ASIDE, OPEN, SHUT, NEVER_ZERO))
         arguments = (
             position.contiguous().numpy(),

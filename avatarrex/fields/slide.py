@@ -34,7 +34,7 @@ class Slide(nn.Module):
     share: Tensor
     """(n, j) s of the nodes."""
     reach: Tensor
-    """(a, n) the nodes' weights at the samples; their sum is 1."""
+    """(a, n) the nodes' weights at the samples; their sum is 1, or 0 where nothing slides."""
 
     def __init__(self, share: Float[Tensor, "n j"]) -> None:
         super().__init__()
@@ -46,10 +46,12 @@ class Slide(nn.Module):
         """Nothing slides."""
         return cls(torch.zeros(nodes, JOINTS))
 
-    def lay(self, nodes: Float[Tensor, "n 3"], samples: Float[Tensor, "a 3"]) -> None:
-        """Let nodes and samples be there at rest."""
+    def lay(self, nodes: Float[Tensor, "n 3"], samples: Float[Tensor, "a 3"], skin: int | None = None) -> None:
+        """Let nodes and samples be there at rest; on all but the first `skin` (None: all) nothing slides."""
         squared = torch.cdist(samples, nodes).square()
         self.reach = torch.softmax(-squared / (2 * SIGMA**2), 1)
+        if skin is not None:
+            self.reach[skin:] = 0
 
     def offset(
         self, rest_from_posed: Float[Tensor, "a 3 4"], skinning: Float[Tensor, "k 4 4"], rest: Float[Tensor, "a 3"]

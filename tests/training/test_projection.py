@@ -312,4 +312,6 @@ def test_a_pony_tail_hangs_on_the_head_to_its_end() -> None:
     assert found is not None
     assert found.joint is not None
     assert names[int(found.joint)] == "head"
+    assert found.anchor is not None
+    assert np.abs(found.anchor.numpy()[:, None] - found.points()).max(2).min(1).max() < 0.01, "on it"
     assert found.points()[:, 1].min() < tail[-1][0][1] + 0.02, "to its end"

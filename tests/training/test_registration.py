@@ -10,6 +10,7 @@ from torch import Tensor
 
 from avatarrex.avatar import Avatar
 from avatarrex.counters import Counters
+from avatarrex.fields.outgrowth import VOXEL, Outgrowth
 from avatarrex.fields.slide import JOINTS, Slide, carriers
 from avatarrex.signals.driving import Signals
 from avatarrex.templates.mesh import vertex_normals
@@ -20,6 +21,7 @@ from avatarrex.training.core.registration import HIGHEST, register
 from avatarrex.training.core.sighting import Sighting
 from avatarrex.training.core.silhouette import Silhouette
 
+HEAD = 15
 SEEN = 8000
 """Points of the skin that a picture shows: as many as a relief of its samples needs."""
 FEW = 3000
@@ -146,3 +148,34 @@ def test_silhouettes_say_how_high_plain_cloth_stands(bare: Avatar) -> None:
     found, true = body.relief[body.sample_anchor][shown], height[body.sample_vertex][shown]
     body.relief = None
     assert (found - true).abs().mean() < 0.35 * true.abs().mean()
+
+
+def test_borders_of_what_hangs_on_a_joint_do_not_raise_the_skin(bare: Avatar) -> None:
+    """A ball at the head's joint, 2 cm off the nape: whether its outline ends short of the mattes or not."""
+    body, share = bare.body, torch.zeros(len(bare.body.node_vertex), JOINTS)
+    nape = body.template.joint_template[HEAD] + torch.tensor([0.0, -0.1, -0.12])
+    first = (nape / VOXEL).round().long() - 10
+    place = torch.stack(torch.meshgrid(*[torch.arange(21)] * 3, indexing="ij"), -1)
+    body.set_outgrowth(Outgrowth(first, (place - 10.0).norm(dim=-1) * VOXEL - 0.03).hanging_on(HEAD, 0.02))
+    body.add_detail(0.02)
+    detail, found = body.detail, []
+    assert detail is not None
+    try:
+        sighting = pictured(bare, share, torch.zeros(len(bare.person.body.v_template)), 0)
+        plain = replace(sighting, colour=torch.full_like(sighting.colour, 0.5))
+        of_ball = plain.samples.neighbours_of(plain.samples.position[len(body.sample_anchor) :])
+        assert (of_ball.index >= len(body.sample_anchor)).any(1).all()
+        blank = torch.full((len(detail.texel), 3), 0.5)
+        for short in (0.0, 0.003):
+            borders = [
+                Silhouette(plain.beside, torch.full((len(plain.position),), 0.002)),
+                Silhouette(of_ball, torch.full((len(of_ball.index),), short)),
+            ]
+            register(bare, [plain], borders, lambda _: detail.paint(blank), False, True)
+            assert body.relief is not None
+            found.append(body.relief.clone())
+            body.relief = None
+    finally:
+        body.set_outgrowth(None)
+    assert found[0].abs().max() > 0.001
+    assert torch.equal(*found)

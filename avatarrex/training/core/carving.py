@@ -38,6 +38,8 @@ LEAST = 100
 """Voxels (of half a cubic centimetre) of an outgrowth at least: less is noise of the mattes."""
 ALL, MORE = 0.95, 1.1
 """Share of what the skin carries that hangs on the joint, too, and how many times as much has to: another thing elsewhere stays."""
+ANCHORED = 0.025
+"""Metres between the anchors of an outgrowth, about those of the skin."""
 CARRIES = 0.1
 """Share of the skin beneath an outgrowth that a joint moves at least, that it may hang on it."""
 
@@ -87,9 +89,7 @@ def carve(avatar: Avatar, rig: Rig) -> Outgrowth | None:
     best = max(whole, key=lambda each: whole[each].sum(), default=None)
     if best is not None and whole[best].sum() > MORE * hull.sum():
         hull, joint = whole[best], best
-    outgrowth = _distance(voxels.first, hull, joint)
-    outgrowth.lay(avatar.person.body.v_template)
-    return outgrowth
+    return _distance(voxels.first, hull, joint)
 
 
 def _carriers(avatar: Avatar, points: Float[np.ndarray, "p 3"]) -> list[int]:
@@ -164,5 +164,5 @@ def _distance(first: np.ndarray, hull: np.ndarray, joint: int | None) -> Outgrow
     own = hull[tuple(slice(a, b) for a, b in zip(low, high))]
     distance = np.where(own, 0.5 - distance_transform_edt(own), distance_transform_edt(~own) - 0.5) * VOXEL
     smooth = gaussian_filter(distance, 1.0).clip(max=MARGIN)
-    hung = None if joint is None else torch.tensor(joint)
-    return Outgrowth(torch.from_numpy(first - margin + low[::-1]), torch.from_numpy(smooth).float(), hung)
+    found = Outgrowth(torch.from_numpy(first - margin + low[::-1]), torch.from_numpy(smooth).float())
+    return found if joint is None else found.hanging_on(joint, ANCHORED)

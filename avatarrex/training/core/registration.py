@@ -70,13 +70,15 @@ def register(
     body.add_slide(Slide.none(len(body.node_vertex)).share)
     assert body.slide is not None
     pixels = _Pixels(avatar, sightings, silhouettes, slides, rises)
-    height = torch.zeros(len(body.sample_rest))
+    height = torch.zeros(len(body.sample_anchor))
+    hung = len(body.sample_rest) - len(height)  # anchors of an outgrowth, which has no relief
     for slope in SLOPES:
         paint(sightings)
         share, rise = pixels.step(avatar, sightings, height.numpy(), slope)
         body.slide.share.add_(share)
         rise = (height + rise).clamp(-HIGHEST, HIGHEST) - height
         height += rise
+        rise = torch.nn.functional.pad(rise, (0, hung))
         sightings = [one.raised(one.beside.mean(rise[:, None])[:, 0]) for one in sightings]
     if rises:
         body.raise_surface(height)
@@ -102,13 +104,13 @@ class _Pixels:
         count = max(PIXELS // len(sightings), 1)
         self.rows = [torch.from_numpy(rng.permutation(len(one.position))[:count]) for one in sightings]
         basis, parallax, carried = zip(*(_moves(*both) for both in zip(sightings, self.rows)))
-        near = body.slide.reach.cpu().numpy()
-        samples, total = body.sample_rest.cpu().numpy(), vstack(carried).tocsr()
+        near, skin = body.slide.reach.cpu().numpy(), len(body.sample_anchor)
+        samples, total = body.sample_rest[:skin].cpu().numpy(), vstack(carried).tocsr()
         self.reach = (total @ csr_matrix(np.where(near > 1e-3, near, 0))).tocsr()
         self.basis, self.parallax = np.concatenate(basis), np.concatenate(parallax)
-        self.carried = total if rises else csr_matrix(total.shape, dtype=total.dtype)
+        self.carried = total[:, :skin] if rises else csr_matrix((total.shape[0], skin), dtype=total.dtype)
         self.uneven = SMOOTH * rises * len(self.parallax) / len(samples) * _differences(samples)
-        self.borders = _Borders(silhouettes if rises else [], len(samples), len(self.parallax))
+        self.borders = _Borders(silhouettes if rises else [], skin, len(body.sample_rest), len(self.parallax))
 
     def step(
         self, avatar: Avatar, sightings: Sequence[Sighting], height: np.ndarray, slope: float
@@ -168,9 +170,10 @@ class _Pixels:
 class _Borders:
     """κ Σ_e ω_e (m_e − δ_e)²: its form in δ (a, a), and where it pulls a level surface (a,)."""
 
-    def __init__(self, silhouettes: Sequence[Silhouette], samples: int, pixels: int) -> None:
+    def __init__(self, silhouettes: Sequence[Silhouette], skin: int, samples: int, pixels: int) -> None:
         nothing = csr_matrix((0, samples), dtype=np.float32)
-        self.carried = vstack([nothing, *(_matrix(one.beside, samples) for one in silhouettes)]).tocsr()
+        carried = vstack([nothing, *(_matrix(one.beside, samples) for one in silhouettes)]).tocsr()
+        self.carried = carried[:, :skin]
         self.miss = np.concatenate([np.zeros(0, np.float32), *(one.miss.numpy() for one in silhouettes)])
         self.each = SILHOUETTE * pixels / max(len(self.miss), 1)
 

@@ -178,7 +178,7 @@ class Trainer:
         if not self.recipe.body[0].warm_steps:
             clear_space(self.avatar)
         elif self.recipe.body[0].carved and "body" in self.parts:
-            self.avatar.body.outgrowth = carve(self.avatar, self.capture.rigs["body"])
+            self.avatar.body.set_outgrowth(carve(self.avatar, self.capture.rigs["body"]))
         for part in ("body", "face"):
             one = getattr(self.recipe, part)[0]
             steps = one.warm_steps
