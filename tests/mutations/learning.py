@@ -240,6 +240,13 @@ LEARNING: dict[str, Mutant] = {
         "seed[place] = inside >= INSIDE",
         "tests/training/test_projection.py::test_a_bun_is_carved_and_skin_is_not",
     ),
+    "a tail that mixes with the back": Mutant(
+        "geometry",
+        "avatarrex/fields/body.py",
+        "gate_rest[len(sampled) :, 0] += APART",
+        "pass",
+        "tests/fields/test_outgrowth.py::test_the_skin_beneath_it_keeps_its_own",
+    ),
     "an outgrowth that stays behind": Mutant(
         "what is learnt",
         "avatarrex/fields/outgrowth.py",
