@@ -241,7 +241,7 @@ LEARNING: dict[str, Mutant] = {
         "tests/training/test_projection.py::test_a_bun_is_carved_and_skin_is_not",
     ),
     "a tail that mixes with the back": Mutant(
-        "geometry",
+        "what is learnt",
         "avatarrex/fields/body.py",
         "gate_rest[len(sampled) :, 0] += APART",
         "pass",
