@@ -63,8 +63,8 @@ class Samples:
     slide: Float[Tensor, "a 3"] | None = None
     """What is painted there comes from so far beside at rest (slide.py), metres; None: from there."""
     gate_rest: Float[Tensor, "a 3"] | None = None
-    """Rest positions by which the gate distinguishes limbs; None: `rest`. An outgrowth's are far from the skin's: what hangs over a back mixes with
-    the back's anchors no more than another limb's would."""
+    """Rest positions by which the gate distinguishes limbs; None: `rest`. An outgrowth's are far from the skin's: what hangs over
+    a back mixes with the back's anchors no more than another limb's would."""
 
     @property
     def _gated(self) -> Float[Tensor, "a 3"]:
