@@ -50,7 +50,7 @@ each triangle."""
 OUTGROWTH = {"body.outgrowth.first": 1, "body.outgrowth.distance": 3}
 """What an avatar with an outgrowth has, and of how many dimensions."""
 HUNG, ANCHORS = "body.outgrowth.joint", "body.outgrowth.anchor"
-"""What one has that hangs on a joint; those of before 2026-11-29 have no anchors."""
+"""What one has that hangs on a joint; in older files it has no anchors."""
 FILES = {"avatar.json": SMALL, "weights.safetensors": 2**30}
 """Bytes that either file may unpack to; the paper's preset has 90 MB of weights."""
 SLIDE = "body.slide.share"

@@ -58,7 +58,7 @@ CLOTH = 0.02
 MAX_CLOTHING_OFFSET = 0.04
 """Metres: cloth and hair that stand off farther are not measured."""
 APART = 10.0
-"""Metres that an outgrowth's anchors count as being off the skin's (`Samples.gate_rest`)."""
+"""Metres by which the gate between limbs takes an outgrowth's anchors to be shifted (`Samples.gate_rest`)."""
 VISIBLE = 16.0
 """sRGB per metre: a change of colour by 4/255 counts as much as a millimetre."""
 LEAST_FILL = 0.005
@@ -114,7 +114,7 @@ class BodyField(nn.Module):
     sample_normal: Tensor
     sample_anchor: Tensor
     sample_gate_rest: Tensor
-    """(a, 3) rest positions, an outgrowth's `APART` from the skin's (`Samples.gate_rest`)."""
+    """(a, 3) rest positions, those of an outgrowth shifted by `APART` (`Samples.gate_rest`)."""
     relief: Tensor | None
     """Metres that the surface stands off where the networks have it along the normal at rest, of each anchor, in every pose."""
     detail_height: Tensor | None
@@ -333,10 +333,10 @@ class BodyField(nn.Module):
         onto = self._onto(posed, self.sample_weights[:s], self.sample_rest[:s], vertex)
         onto = torch.cat([onto, blend(posed.skinning, self.sample_weights[s:])])
         outward = F.normalize((onto[:, :, :3] @ self.sample_normal[:, :, None])[:, :, 0], dim=-1)
-        worn = posed.vertices[vertex] + outward[:s] * self.clothing_offset[vertex, None]
+        clothed = posed.vertices[vertex] + outward[:s] * self.clothing_offset[vertex, None]
         samples = Samples(
             self.sample_rest,
-            torch.cat([worn, skin(onto[s:], self.sample_rest[s:])]),
+            torch.cat([clothed, skin(onto[s:], self.sample_rest[s:])]),
             outward,
             self._raised(invert_affine(onto)),
             self.sample_owner,

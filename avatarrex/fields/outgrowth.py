@@ -92,10 +92,8 @@ class Outgrowth(nn.Module):
         return np.asarray(place[farthest_points(torch.from_numpy(place), count, 0).numpy()])
 
     def _distance(self, place: Float[np.ndarray, "*p 3"]) -> Float[np.ndarray, "*p"]:
-        at = (place - self.first.numpy() * VOXEL) / VOXEL
-        grid = self.distance.double().numpy()
-        found = map_coordinates(grid, at.reshape(-1, 3)[:, ::-1].T, order=1, cval=MARGIN, prefilter=False)
-        return np.asarray(found.reshape(place.shape[:-1]))
+        found = _in_grid(self.distance.double().numpy(), self.first.numpy() * VOXEL, place.reshape(-1, 3))
+        return found.reshape(place.shape[:-1])
 
     def carried(self, posed: Float[np.ndarray, "v 3"], turn: Float[np.ndarray, "c 3 3"]) -> PosedOutgrowth:
         """On a template whose vertices are now `posed`, and whose carriers were turned by `turn`."""
@@ -137,10 +135,17 @@ class PosedOutgrowth:
         if len(rows):
             by = self.slot[nearest[rows]]
             back = np.einsum("pji,pj->pi", self.turn[by], position[rows] - self.posed[by]) + self.rest[by]
-            place = (back - self.origin) / VOXEL
-            found[rows] = map_coordinates(self.grid, place[:, ::-1].T, order=1, cval=MARGIN, prefilter=False)
+            found[rows] = _in_grid(self.grid, self.origin, back)
         return found
 
     def of_vertices(self, chosen: Bool[np.ndarray, " v"]) -> PosedOutgrowth:
         """Of a template that has these vertices alone."""
         return replace(self, slot=self.slot[chosen])
+
+
+def _in_grid(
+    grid: Float[np.ndarray, "z y x"], origin: Float[np.ndarray, "3"], place: Float[np.ndarray, "p 3"]
+) -> Float[np.ndarray, " p"]:
+    """Interpolated distances at rest positions; `MARGIN` outside the grid, whose lowest voxel is at `origin`."""
+    voxel = (place - origin) / VOXEL
+    return np.asarray(map_coordinates(grid, voxel[:, ::-1].T, order=1, cval=MARGIN, prefilter=False))
