@@ -70,7 +70,7 @@ def describe(networks: str = "cpu") -> dict[str, Any]:
     missing = gl_unavailable()
     gpu = torch.cuda.get_device_name() if torch.cuda.is_available() else None
     return {
-        "cpu": _cpu(),
+        "cpu": cpu(),
         "vectors": torch.backends.cpu.get_cpu_capability(),
         "cores": cores(),
         "threads": torch.get_num_threads(),
@@ -97,7 +97,8 @@ def cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _cpu() -> str:
+def cpu() -> str:
+    """The processor's name."""
     listed = Path("/proc/cpuinfo")
     if listed.is_file():
         found = re.search(r"^model name\s*:\s*(.+)$", listed.read_text(), re.MULTILINE)
