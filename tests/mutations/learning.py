@@ -11,6 +11,10 @@ from mutations.mutants import Mutant
 CORE, READERS = "avatarrex/training/core", "avatarrex/capture/readers"
 LEARNS = "tests/training/test_learning.py::test_a_perturbed_avatar_learns_what_was_held_out"
 PATCHES = "tests/training/test_learning.py::test_patches_teach_what_nobody_painted"
+PASS_TWO = "tests/training/test_pass_two.py"
+COMPARED = f"{PASS_TWO}::test_who_knows_the_pattern_has_nothing_to_learn_from_patches"
+PAINTED = f"{PASS_TWO}::test_pictures_are_painted_where_they_are_seen"
+DROPPED = f"{PASS_TWO}::test_dropped_views_are_kept_from_networks_and_not_from_texels[True]"
 PAPER, TERMS, SEALED = (f"tests/training/test_{name}.py" for name in ("paper", "terms", "sealed"))
 PATHS = f"{SEALED}::test_no_path_of_a_training_reads_what_is_not_in_its_split"
 WEIGHTS = {
@@ -83,6 +87,104 @@ LEARNING: dict[str, Mutant] = {
         "colour = rig.image(view, frame)[y, x].astype(np.float32) / 255 * alpha[:, None]",
         "colour = 0 * rig.image(view, frame)[y, x].astype(np.float32) / 255 * alpha[:, None]",
         f"{LEARNS}[body]",
+    ),
+    "wrong camera for patches": Mutant(
+        "what is learnt",
+        f"{CORE}/pass_two.py",
+        "camera = rig.views[view].camera\n        x, y,",
+        "camera = rig.views[0].camera\n        x, y,",
+        COMPARED,
+    ),
+    "patches of another place": Mutant(
+        "what is learnt",
+        f"{CORE}/pass_two.py",
+        "camera.cropped(x, y, width, height)",
+        "camera.cropped(0, 0, width, height)",
+        COMPARED,
+    ),
+    "patches in linear light": Mutant(
+        "what is learnt",
+        f"{CORE}/pass_two.py",
+        "return Patch(rendered, truth, both,",
+        "return Patch(rendered, truth**2.2, both,",
+        COMPARED,
+    ),
+    "patches without pictures": Mutant(
+        "what is learnt",
+        f"{CORE}/pass_two.py",
+        "return Patch(rendered, truth, both,",
+        "return Patch(rendered, 0 * truth, both,",
+        COMPARED,
+    ),
+    "patches in inverted mattes": Mutant(
+        "what is learnt",
+        f"{CORE}/pass_two.py",
+        "both = torch.minimum(coverage, matte)",
+        "both = torch.minimum(coverage, 1 - matte)",
+        COMPARED,
+    ),
+    "mattes inverted for every reader": Mutant(
+        "what is learnt",
+        f"{READERS}/rigs.py",
+        'return self._picture("matte", view, frame)',
+        'return 255 - self._picture("matte", view, frame)',
+        COMPARED,
+    ),
+    "no images for any reader": Mutant(
+        "what is learnt",
+        f"{READERS}/rigs.py",
+        'return self._picture("image", view, frame)',
+        'return 0 * self._picture("image", view, frame)',
+        PAINTED,
+    ),
+    "painted by the wrong camera": Mutant(
+        "what is learnt",
+        f"{CORE}/projection.py",
+        "camera = frame.camera(rig.views[view].camera)",
+        "camera = frame.camera(rig.views[0].camera)",
+        PAINTED,
+    ),
+    "painted in linear light": Mutant(
+        "what is learnt",
+        f"{CORE}/projection.py",
+        "raycast(frame.volume.sdf, camera, antialias=True), colour, matte)",
+        "raycast(frame.volume.sdf, camera, antialias=True), colour**2.2, matte)",
+        PAINTED,
+    ),
+    "views that are not dropped": Mutant(
+        "what is learnt",
+        f"{CORE}/pass_two.py",
+        "gaze = _anywhere(rng) if rng.random() < self.recipe.view_dropout else None",
+        "gaze = None",
+        DROPPED,
+    ),
+    "views dropped to one side": Mutant(
+        "what is learnt",
+        f"{CORE}/pass_two.py",
+        "drawn = rng.normal(size=3)",
+        "drawn = rng.random(size=3)",
+        f"{PASS_TWO}::test_views_are_dropped_as_often_as_wanted_and_turned_anywhere",
+    ),
+    "a dropped view that the body sees": Mutant(
+        "what is learnt",
+        "avatarrex/shading/colour.py",
+        "return direction if self.told is None else self.told.to(direction).expand_as(direction)",
+        "return direction",
+        DROPPED,
+    ),
+    "a dropped view that the face sees": Mutant(
+        "what is learnt",
+        "avatarrex/shading/colour.py",
+        "direction = gaze if told is None else told.to(gaze).expand_as(gaze)",
+        "direction = gaze",
+        DROPPED,
+    ),
+    "teeth looked for along a dropped view": Mutant(
+        "what is learnt",
+        "avatarrex/parts/face.py",
+        "places = self._places(state, trained, normal, points.gaze)",
+        "places = self._places(state, trained, normal, points.direction)",
+        DROPPED,
     ),
     "geometry that stands still": Mutant(
         "what is learnt",
