@@ -120,7 +120,7 @@ class Hand(Part[HandState]):
     def colour(self, state: HandState, points: SurfacePoints, counters: Counters, impl: Impl = "auto") -> Tensor:
         """C_H (paper eq. 10) times the light on the normal that faces the eye."""
         counters.add("hand_pixels", len(points.position))
-        query = state.query(points.position, None, impl).facing(points.direction)
+        query = state.query(points.position, None, impl).facing(points.gaze)
         root_normal = query.normal @ points.root_from_part.T
         colour: Tensor = self.field.colour(state.vertices, state.hand_pose, query) * points.light(root_normal)
         return colour

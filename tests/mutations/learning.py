@@ -179,6 +179,13 @@ LEARNING: dict[str, Mutant] = {
         "direction = gaze",
         DROPPED,
     ),
+    "hands that face a dropped view": Mutant(
+        "what is learnt",
+        "avatarrex/parts/hand.py",
+        ".facing(points.gaze)",
+        ".facing(points.direction)",
+        DROPPED,
+    ),
     "teeth looked for along a dropped view": Mutant(
         "what is learnt",
         "avatarrex/parts/face.py",

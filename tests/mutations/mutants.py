@@ -171,7 +171,7 @@ MUTANTS: dict[str, Mutant] = {
     "skin that nobody sees": Mutant(
         "a hand that pierces itself",
         "avatarrex/parts/hand.py",
-        "state.query(points.position, None, impl).facing(points.direction)",
+        "state.query(points.position, None, impl).facing(points.gaze)",
         "state.query(points.position, None, impl)",
         "tests/shading/test_colour.py::test_the_skin_of_a_fist_that_is_seen_faces_the_eye",
     ),

@@ -15,9 +15,11 @@ from avatarrex.avatar import Avatar
 from avatarrex.capture.readers.rigs import Rig, open_capture
 from avatarrex.fields.body import BodyField
 from avatarrex.fields.face import FaceField
+from avatarrex.fields.hand import HandQuery
 from avatarrex.metrics.perceptual import Perceptual
 from avatarrex.parts.face import Face
 from avatarrex.shading.colour import OPAQUE, SurfaceColour
+from avatarrex.templates.parts import PARTS
 from avatarrex.training.core.frames import FrameStore
 from avatarrex.training.core.pass_two import Patch, PatchPass
 from avatarrex.training.core.process_group import WHOLE
@@ -29,6 +31,8 @@ BODY_ALONE = frozenset({"face", "left_hand", "right_hand"})
 SPACING = 0.02
 """Metres between texels, and more than a pixel."""
 DRAWS = 400
+HAND = 1
+"""The hand that is coloured last."""
 
 
 @pytest.fixture(scope="module")
@@ -142,6 +146,7 @@ def given(monkeypatch: pytest.MonkeyPatch) -> dict[str, Tensor]:
     monkeypatch.setattr(BodyField, "seen", watched(BodyField.seen, body=3))
     monkeypatch.setattr(FaceField, "colour", watched(FaceField.colour, face=3))
     monkeypatch.setattr(Face, "_places", watched(Face._places, texel=4))
+    monkeypatch.setattr(HandQuery, "facing", watched(HandQuery.facing, hand=1))
     return found
 
 
@@ -149,7 +154,8 @@ def given(monkeypatch: pytest.MonkeyPatch) -> dict[str, Tensor]:
 def test_dropped_views_are_kept_from_networks_and_not_from_texels(
     person: FrameStore, given: dict[str, Tensor], dropped: bool
 ) -> None:
-    """What lies behind open lips is seen along the camera's own rays; networks get these, or one direction for the whole patch."""
+    """What lies behind open lips is seen along the camera's own rays, and skin of a hand faces the eye; networks get these rays, or one
+    direction for the whole patch."""
     with torch.no_grad():
         patch(stage_of(person, float(dropped), 128), 0)
     frame = person[0]
@@ -160,6 +166,8 @@ def test_dropped_views_are_kept_from_networks_and_not_from_texels(
     assert min(of_body.sum(), of_face.sum()) > 30
     turn = torch.from_numpy(frame.posed.root_from_part("face")[:3, :3].copy()).float()
     torch.testing.assert_close(given["texel"], ray[of_face] @ turn, atol=1e-5, rtol=0)
+    hand = torch.from_numpy(frame.posed.root_from_part(PARTS[HAND])[:3, :3].copy()).float()
+    torch.testing.assert_close(given["hand"], ray[share[:, HAND] > 0] @ hand, atol=1e-5, rtol=0)
     said = given["body"][:1].expand_as(ray) if dropped else ray
     assert torch.allclose(said, ray, atol=0.1) != dropped
     torch.testing.assert_close(given["body"], said[of_body], atol=1e-5, rtol=0)
