@@ -147,6 +147,8 @@ def test_each_variant_changes_what_it_says():
         QUICK.face[0],
         replace(QUICK.face[1], weights=LossWeights(perceptual=0.0)),
     )
+    assert recipe_of(VARIANTS["no-view-dropout"], QUICK, "body").body == (one, replace(two, view_dropout=0.0))
+    assert two.view_dropout > 0
     uniform = recipe_of(VARIANTS["uniform-64"], QUICK, "body").body[0]
     assert uniform == replace(longer, sampling="uniform", samples=64, quadrature="point")
     assert Recipe.from_json(json.loads(json.dumps(QUICK.to_json()))) == QUICK

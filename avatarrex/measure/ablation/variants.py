@@ -3,6 +3,7 @@
     full               pass I, then pass II with the perceptual term; feature patches or tri-planes
     pass-one           its pass I alone: what pass II starts from
     no-detail          no static texels, no view dropout
+    no-view-dropout    every patch of pass II seen along its rays
     no-slide           static texels that stay on the skin
     no-outgrowth       nothing carved from the mattes
     no-pass-two        pass I alone, lengthened to as many steps
@@ -80,6 +81,7 @@ VARIANTS = {
         Variant("no-patches", "both passes, no feature patches", ("body",), "no-patches"),
         Variant("plain", "pass I alone, no feature patches (the paper's baseline)", ("body",), "no-patches", passes=1),
         Variant("no-detail", "both passes, no static texels, nothing registered, no view dropout", ("body",), two=NO_DETAIL),
+        Variant("no-view-dropout", "both passes, every patch seen along its rays", ("body",), two={"view_dropout": 0.0}),
         Variant("no-slide", "both passes, static texels that stay on the skin", ("body",), two={"slides": False}),
         Variant("no-relief", "both passes, the surface as pass I leaves it", ("body",), two={"rises": False}),
         Variant("no-outgrowth", "both passes, nothing stands off the template by more than cloth", ("body",), one={"carved": False}),
@@ -122,6 +124,7 @@ QUESTIONS = (
     ("pass II after pass I", "full", "pass-one"),
     ("pass II against as many steps of pass I", "full", "no-pass-two"),
     ("static texels, registration and view dropout", "full", "no-detail"),
+    ("view dropout", "full", "no-view-dropout"),
     ("sliding texels", "full", "no-slide"),
     ("relief", "full", "no-relief"),
     ("outgrowths", "full", "no-outgrowth"),
