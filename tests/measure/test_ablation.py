@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,10 +23,11 @@ from avatarrex.errors import InputError
 from avatarrex.fields.presets import PRESETS
 from avatarrex.measure.__main__ import run
 from avatarrex.measure.ablation.command import STOPPED
-from avatarrex.measure.ablation.report import MEASURES, answers, plot, rows, table, to_json
+from avatarrex.measure.ablation.report import COSTS, MEASURES, answers, plot, rows, table, to_json
 from avatarrex.measure.ablation.step_timing import StepTiming, step_timing
-from avatarrex.measure.ablation.study import Study
+from avatarrex.measure.ablation.study import Study, Timed
 from avatarrex.measure.ablation.variants import QUESTIONS, VARIANTS, chosen_variants, recipe_of, scaled
+from avatarrex.measure.bench.contest import Times
 from avatarrex.measure.volume_drawer import VolumeDrawer
 from avatarrex.metrics.drawing import AvatarDrawer
 from avatarrex.metrics.perceptual import Perceptual
@@ -38,6 +40,7 @@ from avatarrex.templates.posed import pose_person
 from avatarrex.training.core.stage import stages
 from avatarrex.training.recipe import PAPER, QUICK, LossWeights, Recipe
 from avatarrex.training.runs.begun import begun_person
+from avatarrex.training.runs.control import write_json
 from avatarrex.training.runs.folder import read_about
 
 NETWORKS = tuple(name for name in PRESETS if name.startswith("compact/"))
@@ -199,7 +202,7 @@ def test_a_study_of_the_body_is_complete_and_not_done_twice(capture, tmp_path, m
         "naked textured mesh", "mean-colour mesh", "fitted textured mesh", "fitted mesh, own face",
         "full", "no-pass-two", "volume-test-time",
     ]  # fmt: skip
-    wanted = {*MEASURES, "parameters", "steps", "minutes", "cpu_minutes", "samples_per_ray", "seconds_per_picture"}
+    wanted = {*MEASURES, *COSTS}
     for row in found[4:]:
         assert wanted - {"lpips_matte"} <= set(row.values), row.name
         assert all(len(values) == len(row.seeds) for values in row.values.values())
@@ -208,6 +211,10 @@ def test_a_study_of_the_body_is_complete_and_not_done_twice(capture, tmp_path, m
     given = {answer.question: answer.differences for answer in answers(found)}
     assert set(given) == {q for q, *pair in QUESTIONS if set(pair) <= {row.name for row in found}}
     values = {row.name: row.values for row in found}
+    file = max(tmp_path.glob("full/seed_0/checkpoints/*/avatar.avatar"))
+    for name in ("full", "volume-test-time"):
+        assert values[name]["file_mib"] == [file.stat().st_size / 2**20]
+    assert all("file_mib" not in row.values for row in found[:4])
     expected = values["full"]["psnr_matte"][0] - values["no-pass-two"]["psnr_matte"][0]
     assert given["pass II against as many steps of pass I"]["psnr_matte"] == pytest.approx([expected])
     text = table(study, found)
@@ -224,6 +231,39 @@ def test_a_study_of_the_body_is_complete_and_not_done_twice(capture, tmp_path, m
     assert all(again.finish(VARIANTS[name], seed) == study.evaluation(VARIANTS[name], seed) for name, seed in done)
     with pytest.raises(InputError, match=r"study.json: base.interval: expected 3, as requested"):
         Study(tmp_path, capture, "body", replace(TINY, interval=3))
+
+
+def test_seconds_of_a_picture_are_those_of_the_wall_and_of_the_processor():
+    drawer = Timed(AvatarDrawer(Avatar.create(load_person(), "compact")))
+    drawer.times.add(Times(wall=[400.0, 600.0], cpu=[100.0, 300.0]))
+    assert drawer.per_picture == pytest.approx({"seconds_per_picture": 0.5, "cpu_seconds_per_picture": 0.2})
+
+
+def test_results_of_before_are_shown_without_what_was_not_counted_yet(capture, tmp_path):
+    """Where another seed has it, that one's is shown."""
+    study, names = Study(tmp_path, capture, "body", TINY), ("full", "no-view-dropout", "no-detail")
+    figures = {"psnr_matte": 20.0, "seconds_per_picture": 0.25}
+    before = {"subjects": {"avatar": figures}, "steps": [2, 1], "seconds": 60.0, "cpu_seconds": 90.0}
+    before |= {"parameters": 2_000_000, "samples_per_ray": 5.0}
+    since = {**before, "subjects": {"avatar": {**figures, "cpu_seconds_per_picture": 0.5}}, "file_bytes": 3 * 2**20}
+    for name, seeds in zip(names, ((before, before), (before, since), (since, since))):
+        for seed, stored in enumerate(seeds):
+            folder = study.run_folder(VARIANTS[name], seed)
+            folder.mkdir(parents=True)
+            write_json(folder / "evaluation.json", stored)
+    meshes = {"subjects": {"mesh": figures}, "frames": [2], "views": ["0"], "size": [60, 80], "missing": {}}
+    write_json(tmp_path / "baselines.json", meshes)
+    found = rows(study, chosen_variants(names, "body"), [0, 1])
+    heads, *lines = (re.split(r"\s{2,}", line.strip()) for line in table(study, found).split("\n\n")[0].splitlines())
+    shown = {name: dict(zip(heads, cells)) for name, *cells in lines}
+    newer = {name: (cells["MiB"], cells["CPU s/picture"]) for name, cells in shown.items()}
+    assert newer == {
+        "mesh": ("n/a", "n/a"), "full": ("n/a", "n/a"), "no-view-dropout": ("3.0", "0.50"),
+        "no-detail": ("3.0 ± 0.0", "0.50 ± 0.00"),
+    }  # fmt: skip
+    assert shown["full"]["s/picture"] == "0.25 ± 0.00"
+    given = {answer.question: (answer.first, answer.second) for answer in answers(found)}
+    assert given["view dropout"] == ("full", "no-view-dropout")
 
 
 @pytest.mark.slow

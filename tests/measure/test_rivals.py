@@ -295,6 +295,9 @@ def test_a_rival_stands_beside_the_avatar_in_a_study(capture, tmp_path, monkeypa
     assert [variant.name for variant in variants] == ["full", nerf.name]
     made = rows(study, variants, [0])
     assert [row.name for row in made[-2:]] == ["full", nerf.name]
+    full, rival = (row.values for row in made[-2:])
+    assert full.keys() - rival.keys() == {"file_mib", "samples_per_ray"}, "what is no avatar has no file"
+    assert rival["cpu_seconds_per_picture"][0] > 0
     assert "avatar against a canonical NeRF" in {answer.question for answer in answers(made)}
     assert "nan" not in table(study, made)
     monkeypatch.setattr("avatarrex.measure.ablation.study.timed_training.train", None)

@@ -24,9 +24,11 @@ MEASURES = {
 }  # fmt: skip
 """Heads and decimals."""
 COSTS = {
-    "parameters": ("M par.", 2), "steps": ("steps", 0), "minutes": ("min", 1), "cpu_minutes": ("CPU min", 1),
-    "samples_per_ray": ("samples/ray", 1), "seconds_per_picture": ("s/picture", 2), "pictures": ("pictures", 0),
+    "parameters": ("M par.", 2), "file_mib": ("MiB", 1), "steps": ("steps", 0), "minutes": ("min", 1),
+    "cpu_minutes": ("CPU min", 1), "samples_per_ray": ("samples/ray", 1), "seconds_per_picture": ("s/picture", 2),
+    "cpu_seconds_per_picture": ("CPU s/picture", 2), "pictures": ("pictures", 0),
 }  # fmt: skip
+"""The same; `n/a` where there is no such cost, or none was counted yet when it was measured."""
 Values = dict[str, list[float]]
 """By measure, one per seed."""
 PLOTTED = ("psnr_matte", "ms_ssim_matte", "lpips_matte", "sharpness")
@@ -59,8 +61,10 @@ def rows(study: Study, variants: list[Variant], seeds: list[int]) -> list[Row]:
 
 
 def _costs(data: dict[str, Any]) -> dict[str, float | None]:
+    size = data.get("file_bytes")
     return {
         "parameters": data["parameters"] / 1e6,
+        "file_mib": None if size is None else size / 2**20,
         "steps": sum(data["steps"]),
         "minutes": data["seconds"] / 60,
         "cpu_minutes": data["cpu_seconds"] / 60,

@@ -215,14 +215,16 @@ class Study:
         }
 
     def _trained(self, variant: Variant, seed: int) -> tuple[Drawer, nn.Module, dict[str, Any]]:
-        """Who draws what a finished run has learnt, its networks, the steps of its passes; of a rival the processor time of its steps."""
+        """Who draws what a finished run has learnt, its networks, and what else is known of it: steps of its passes, an avatar's size on
+        disk, the processor time of a rival's steps."""
         if variant.rival:
             rival = make_rival(variant.name, self.fitted, self.part, seed)
             seconds, step = timed_training.read(rival, self.run_folder(variant, seed))
             return rival, rival, {"steps": [step], "cpu_seconds": seconds}
         avatar = load_avatar(self._avatar(variant, seed))
         one, two = getattr(self.recipe(variant, seed), self.part)
-        return AvatarDrawer(avatar), avatar.modules()[self.part], {"steps": [one.steps, two.steps]}
+        trained = {"steps": [one.steps, two.steps], "file_bytes": self._file_bytes(variant, seed)}
+        return AvatarDrawer(avatar), avatar.modules()[self.part], trained
 
     def _redraw(self, variant: Variant, seed: int) -> dict[str, Any]:
         """Another variant's avatar drawn by volume rendering, beside the deferred renderer on the same few pictures."""
@@ -236,6 +238,7 @@ class Study:
         return {
             **found,
             **kept,
+            "file_bytes": self._file_bytes(of, seed),
             "variant": variant.name,
             "samples_per_ray": slow.samples,
             "device": machine(self.device),
@@ -253,7 +256,7 @@ class Study:
         found = evaluate(capture, rig, compared, networks, Choice(frames, views), progress=True)
         split = found.grouped("split")["held-out pose"]
         return {
-            "subjects": {s.name: {**split[s.name], "seconds_per_picture": s.mean_seconds} for s in subjects},
+            "subjects": {s.name: {**split[s.name], **s.per_picture} for s in subjects},
             "frames": frames,
             "views": [self.rig.views[view].name for view in views],
             "size": list(found.size),
@@ -271,6 +274,10 @@ class Study:
         """Beside the last checkpoint of its finished run."""
         return checkpoint.found(self.run_folder(variant, seed) / "checkpoints")[-1].path / "avatar.avatar"
 
+    def _file_bytes(self, variant: Variant, seed: int) -> int:
+        """Of the whole avatar as it is saved, whichever part was trained."""
+        return self._avatar(variant, seed).stat().st_size
+
     def _file(self, variant: Variant, seed: int) -> Path:
         return self.run_folder(variant, seed) / (f"{variant.name}.json" if variant.redraws else "evaluation.json")
 
@@ -285,9 +292,10 @@ class Timed:
         self.drawer, self.name, self.times = drawer, drawer.name, Times()
 
     @property
-    def mean_seconds(self) -> float:
-        """Of a picture; a pose that is new is part of it."""
-        return 1e-3 * float(np.mean(self.times.wall))
+    def per_picture(self) -> dict[str, float]:
+        """Mean seconds, the wall's and all processors'; a pose that is new is part of them."""
+        taken = {"seconds_per_picture": self.times.wall, "cpu_seconds_per_picture": self.times.cpu}
+        return {key: 1e-3 * float(np.mean(times)) for key, times in taken.items()}
 
     def draw(self, signals: Signals, camera: Camera) -> Drawing:
         """See `Drawer`."""
