@@ -28,7 +28,7 @@ def tables(figures: Figures) -> str:
     """Commands, a table for each kind of pictures, and margins."""
     commands = "\n".join(f"    {command}" for command in figures["commands"])
     told = (
-        f"Trained by commit {figures['trained_by']}, seed {figures['seed']}, {figures['training_minutes']} minutes; "
+        f"Trained by commit {figures['trained_by']}, seed {figures['seed']}, {figures['training_minutes']} minutes of the wall; "
         f"{figures['machine']}; {figures['date']}."
     )
     parts = [_table(figures["test"][part], *PARTS[part]) for part in PARTS]
@@ -38,15 +38,16 @@ def tables(figures: Figures) -> str:
 
 
 def _table(found: Figures, title: str, columns: tuple[Column, ...]) -> str:
-    heads = ["held out", "pictures", "", *(head for head, _, _ in columns), "surface, mm"]
+    """A row for each split and subject; surfaces where the capture has meshes."""
+    last = ["surface, mm"] if found["surface"] else []
+    heads = ["held out", "pictures", "", *(head for head, _, _ in columns), *last]
     rows = [heads, ["---"] * len(heads)]
     for split, word in SPLITS.items():
         for subject, values in found["splits"].get(split, {}).items():
             cells = [_number(values[measure], digits) for _, measure, digits in columns]
             cells[0] = f"**{cells[0]}**" if subject == "avatar" else cells[0]
-            rows.append(
-                [word, str(values["pictures"]), subject, *cells, _surface(found["surface"].get(split, {}), subject)]
-            )
+            off = [_surface(found["surface"].get(split, {}), subject)] if last else []
+            rows.append([word, str(values["pictures"]), subject, *cells, *off])
     return f"{title}:\n\n" + _lines(rows)
 
 

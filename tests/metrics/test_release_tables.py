@@ -61,9 +61,9 @@ def test_figures_are_by_the_commands_of_now(path: Path, tool: ModuleType) -> Non
 
 def test_a_table_has_a_row_for_each_subject_and_its_surface(tool: ModuleType) -> None:
     text = tool.tables(figures())
-    assert "commit abc1234, seed 5, 25 minutes" in text
+    assert "commit abc1234, seed 5, 25 minutes of the wall" in text
     assert "| pose | 3 | avatar | **20.00** | 20.00 | 20.000 | 20.000 | 20.000 | 20.000 | 20.00 | 1.3 / 4.0 |" in text
-    assert "| pose and camera | 1 | avatar | **16.00** | 20.000 |" in text
+    assert "| pose and camera | 1 | avatar | **16.00** | 20.000 | 20.000 | 20.000 | 20.00 |\n" in text
 
 
 def test_regions_are_a_table_where_they_were_measured(tool: ModuleType) -> None:
