@@ -62,7 +62,9 @@ def _regions(found: Figures) -> str:
             for measure, digits in (("psnr", 2), ("ssim", 3), ("sharpness", 2))
         ]
         rows.append([subject, *cells])
-    return "By regions, every held-out picture of the face rig:\n\n" + _lines(rows)
+    count = next(iter(next(iter(pictures.values())).values()))["pictures"]
+    seen = f"By regions, where cameras of the face rig see them (`face-regions`, {count} held-out pictures):"
+    return f"{seen}\n\n{_lines(rows)}"
 
 
 def _lines(rows: list[list[str]]) -> str:
@@ -106,11 +108,11 @@ def margins(test: Figures) -> str:
 
 
 def lost(body: Figures) -> str:
-    """What cameras that were held out cost, of held-out poses, decibels."""
+    """What cameras that were held out cost, of held-out poses, decibels; empty where none was."""
     pose, both = (body["splits"].get(split, {}) for split in SPLITS)
-    lost = {name: pose[name]["psnr_matte"] - both[name]["psnr_matte"] for name in ("avatar", FITTED) if name in both}
-    told = ", ".join(f"{name} {value:.2f} dB".replace("-", "−") for name, value in lost.items())
-    return f"Lost at cameras that were held out, against the trained ones in the same poses: {told}."
+    costs = {name: pose[name]["psnr_matte"] - both[name]["psnr_matte"] for name in ("avatar", FITTED) if name in both}
+    told = ", ".join(f"{name} {cost:.2f} dB".replace("-", "−") for name, cost in costs.items())
+    return told and f"Lost at cameras that were held out, against the trained ones in the same poses: {told}."
 
 
 def written(page: str, name: str, block: str) -> str:

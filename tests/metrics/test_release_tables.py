@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -17,7 +18,7 @@ RIVALS = ("fitted textured mesh", "fitted mesh, fine texels", "fitted mesh, own 
 
 
 @pytest.fixture
-def tool(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+def tool(monkeypatch: pytest.MonkeyPatch) -> Iterator[ModuleType]:
     monkeypatch.syspath_prepend(str(ROOT / "tools"))
     import release_figures
 
@@ -38,12 +39,14 @@ def figures() -> dict[str, Any]:
     }
     body = {"splits": {"held-out pose": pose, "held-out both": both}, "surface": {}}
     found = {"trained_by": "abc1234", "seed": 5, "training_minutes": 25, "machine": "a machine", "date": "2026-01-02"}
-    found["regions"] = {"pictures": {"eyes": {"avatar": {"psnr": 26.161, "ssim": 0.8014, "sharpness": 0.8}}}}
+    found["regions"] = {
+        "pictures": {"eyes": {"avatar": {"psnr": 26.161, "ssim": 0.8014, "sharpness": 0.8, "pictures": 7}}}
+    }
     return {**found, "commands": ["avatarrex-studio train x"], "test": {"body": body, "face": part, "face_alone": part}}
 
 
-def test_figures_are_there() -> None:
-    assert {path.stem for path in FILES} >= {"person_f001", "other"}
+def test_figures_are_there(tool: ModuleType) -> None:
+    assert {path.stem for path in FILES} == set(tool.SUBJECTS)
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
@@ -54,9 +57,9 @@ def test_tables_are_those_of_the_figures(path: Path, tool: ModuleType) -> None:
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
 def test_figures_are_by_the_commands_of_now(path: Path, tool: ModuleType) -> None:
-    tests = tool.evaluations(path.stem, tool.SUBJECTS[path.stem])
-    commands = json.loads(path.read_text())["commands"]
-    assert commands[-len(tests) :] == [step.command for step in tests.values()]
+    name, subject = path.stem, tool.SUBJECTS[path.stem]
+    steps = (*tool.training(name, subject).values(), *tool.evaluations(name, subject).values())
+    assert json.loads(path.read_text())["commands"] == [step.command for step in steps]
 
 
 def test_a_table_has_a_row_for_each_subject_and_its_surface(tool: ModuleType) -> None:
@@ -87,8 +90,51 @@ def test_a_page_without_marks_is_refused(tool: ModuleType) -> None:
         tool.written("no marks", "other", "text")
 
 
-def test_a_step_whose_file_is_there_is_not_done_again(tool: ModuleType, tmp_path: Path) -> None:
+@pytest.fixture
+def runs(tool: ModuleType, monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Commands that would have been run; those of trainings make their folders, all others a file."""
+    found: list[str] = []
+
+    def run(words: list[str], *, cwd: Path, **_: Any) -> None:
+        line = " ".join(words)
+        found.append(line)
+        out = cwd / (line.split("--out ")[1].split()[0] if "--out" in words else words[-1])
+        if "--out" in words:
+            out.mkdir(parents=True, exist_ok=True)
+            out /= "run.json"
+        out.write_text("{}")
+
+    monkeypatch.setattr(tool.subprocess, "run", run)
+    monkeypatch.setattr(tool, "head", lambda: "abc1234")
+    return found
+
+
+def test_a_step_is_done_again_where_its_command_is_another(tool: ModuleType, runs: list[str], tmp_path: Path) -> None:
     (tmp_path / "here.json").touch()
-    tool.Step("avatarrex-studio evaluate nobody nothing", "here.json").run(tmp_path)
-    with pytest.raises(tool.subprocess.CalledProcessError):
-        tool.Step("avatarrex-studio evaluate nobody nothing", "not_here.json").run(tmp_path)
+    for command in ("cp one here.json", "cp one here.json", "cp another here.json"):
+        tool.Step(command, "here.json").run(tmp_path)
+    assert runs == ["cp one here.json", "cp another here.json"]
+
+
+def test_a_training_that_was_ended_goes_on(tool: ModuleType, runs: list[str], tmp_path: Path) -> None:
+    name, subject = "person_m002", tool.SUBJECTS["person_m002"]
+    run = tmp_path / "runs" / name
+    run.mkdir(parents=True)
+    (run / "run.json").touch()
+    (tmp_path / f"{name}_body.json").touch()
+    tool.train(name, subject, tmp_path)
+    assert runs[0].endswith("--out runs/person_m002 --resume")
+    assert (tmp_path / f"{name}_body.json").exists()
+
+
+def test_a_new_training_lets_go_of_the_figures_of_the_one_before(
+    tool: ModuleType, runs: list[str], tmp_path: Path
+) -> None:
+    name, subject = "person_m002", tool.SUBJECTS["person_m002"]
+    (tmp_path / f"{name}_body.json").touch()
+    tool.train(name, subject, tmp_path)
+    assert runs[0].endswith("--out runs/person_m002")
+    assert not (tmp_path / f"{name}_body.json").exists()
+    assert json.loads((tmp_path / f"{name}_training.json").read_text())["commit"] == "abc1234"
+    tool.train(name, subject, tmp_path)
+    assert len(runs) == 2  # training and copy, once each

@@ -91,7 +91,8 @@ def test_who_knows_the_pattern_has_nothing_to_learn_from_patches(body: FrameStor
         assert off < 0.06, f"view {view}: {off}"
 
 
-def test_pictures_are_painted_where_they_are_seen(body: FrameStore) -> None:
+def test_pictures_are_painted_where_they_are_seen(rig: Rig) -> None:
+    body = first_frame(uncoloured(0), rig, BODY_ALONE)
     start_from_pictures(body.avatar, "body", body, SPACING)
     detail = body.avatar.body.detail
     assert detail is not None
@@ -156,8 +157,7 @@ def test_dropped_views_are_kept_from_networks_and_not_from_texels(
 ) -> None:
     """What lies behind open lips is seen along the camera's own rays, and skin of a hand faces the eye; networks get these rays, or one
     direction for the whole patch."""
-    with torch.no_grad():
-        patch(stage_of(person, float(dropped), 128), 0)
+    patch(stage_of(person, float(dropped), 128), 0)  # with gradients, so that parts take turns
     frame = person[0]
     eye = torch.as_tensor(frame.camera(person.rig.views[0].camera).centre).float()
     ray, share = given["ray"], given["share"]
