@@ -116,11 +116,11 @@ def evaluations(name: str, subject: Subject) -> dict[str, Step]:
 
 
 def train(name: str, subject: Subject, work: Path) -> None:
-    """Have WORK/NAME.avatar; what was found of an avatar before is no longer of this one."""
-    steps, run, made = training(name, subject), work / "runs" / name, work / f"{name}_training.json"
+    """Make WORK/NAME.avatar. A training that begins anew deletes the avatar before and its figures."""
+    steps, run = training(name, subject), work / "runs" / name
     begun = (run / "run.json").exists()
     if not begun:
-        write_json(made, {"commit": head(), "machine": cpu()})
+        write_json(work / f"{name}_training.json", {"commit": head(), "machine": cpu()})
         for step in (steps["avatar"], *evaluations(name, subject).values()):
             (work / step.file).unlink(missing_ok=True)
     for kind, step in steps.items():
@@ -145,17 +145,17 @@ def figures(name: str, subject: Subject, work: Path) -> Figures:
     for step in tests.values():
         step.run(work)
     found = {part: read_json(work / step.file) for part, step in tests.items()}
-    made, avatar = read_json(work / f"{name}_training.json"), work / f"{name}.avatar"
-    told = load_avatar(avatar).meta["training"]
+    begun, avatar = read_json(work / f"{name}_training.json"), work / f"{name}.avatar"
+    meta = load_avatar(avatar).meta["training"]
     steps = (*training(name, subject).values(), *tests.values())
     return {
         "format": 1,
-        "trained_by": made["commit"],
-        "seed": told["seed"],
-        "training_minutes": round(told["seconds"] / 60),
-        "machine": f"{made['machine']}, one thread",
+        "trained_by": begun["commit"],
+        "seed": meta["seed"],
+        "training_minutes": round(meta["seconds"] / 60),
+        "machine": f"{begun['machine']}, one thread",
         "date": str(date.fromtimestamp(avatar.stat().st_mtime)),
-        "splits": told["splits"],
+        "splits": meta["splits"],
         "commands": [step.command for step in steps],
         "test": {part: {key: found[part][key] for key in ("splits", "surface")} for part in tests if part != "regions"},
         "regions": found.get("regions"),

@@ -27,14 +27,14 @@ PARTS = {
 def tables(figures: Figures) -> str:
     """Commands, a table for each kind of pictures, and margins."""
     commands = "\n".join(f"    {command}" for command in figures["commands"])
-    told = (
+    heading = (
         f"Trained by commit {figures['trained_by']}, seed {figures['seed']}, {figures['training_minutes']} minutes of the wall; "
         f"{figures['machine']}; {figures['date']}."
     )
     parts = [_table(figures["test"][part], *PARTS[part]) for part in PARTS]
     if figures["regions"]:
         parts.append(_regions(figures["regions"]))
-    return "\n\n".join([told, commands, *parts, margins(figures["test"]), lost(figures["test"]["body"])])
+    return "\n\n".join([heading, commands, *parts, margins(figures["test"]), lost(figures["test"]["body"])])
 
 
 def _table(found: Figures, title: str, columns: tuple[Column, ...]) -> str:
@@ -111,8 +111,8 @@ def lost(body: Figures) -> str:
     """What cameras that were held out cost, of held-out poses, decibels; empty where none was."""
     pose, both = (body["splits"].get(split, {}) for split in SPLITS)
     costs = {name: pose[name]["psnr_matte"] - both[name]["psnr_matte"] for name in ("avatar", FITTED) if name in both}
-    told = ", ".join(f"{name} {cost:.2f} dB".replace("-", "−") for name, cost in costs.items())
-    return told and f"Lost at cameras that were held out, against the trained ones in the same poses: {told}."
+    listed = ", ".join(f"{name} {cost:.2f} dB".replace("-", "−") for name, cost in costs.items())
+    return listed and f"Lost at cameras that were held out, against the trained ones in the same poses: {listed}."
 
 
 def written(page: str, name: str, block: str) -> str:
