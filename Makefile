@@ -45,11 +45,11 @@ check: setup
 # One thread each: where two processes have two on two cores, threads of OpenMP spin for those that do not run, and tests take
 # two to three times as much of the processor. Tests of threads set their number themselves.
 # Windows have processes of their own, each with a display: Xlib ends one where the X server is lost (tests/app/conftest.py then
-# names the test).
+# names the test). They share nothing that is dear to make, so that whichever process is free takes the next.
 test: export OMP_NUM_THREADS := 1
 test: check
 	$(BIN)/python -m pytest -q $(TOGETHER) -m "not window"
-	$(BIN)/python -m pytest -q $(TOGETHER) -m window tests/app
+	$(BIN)/python -m pytest -q -n 2 --dist worksteal -m window tests/app
 
 test-fast: setup
 	$(BIN)/python -m pytest -q -m "not window and not slow" $(FAST)

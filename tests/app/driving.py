@@ -22,6 +22,14 @@ def drive(window, scenario, size=(1280, 800), remember=False):
         io.config_watchdog_warning = io.config_watchdog_kill_test = PATIENCE
 
     params = window.params(size, remember)
+    render = params.callbacks.before_imgui_render
+
+    def awake():
+        """A window at rest would wait up to seven seconds for an event; the test engine's come past its queue."""
+        render()
+        params.fps_idling.enable_idling = False
+
+    params.callbacks.before_imgui_render = awake
     params.callbacks.register_tests = patient
     testing.run(test_function=scenario, runner_params=params)
 

@@ -185,10 +185,8 @@ def the_dialog_itself(test, window, folder):
 
 
 @pytest.mark.window
-def test_everything_is_opened(display, things, tmp_path, caplog, monkeypatch):
+def test_everything_is_opened(display, things, tmp_path, caplog):
     seen = {}
-    for rate in ("IDLE_FPS", "TYPING_FPS"):  # the test's own events wake no loop
-        monkeypatch.setattr(f"avatarrex_studio.window.window.{rate}", 60)
     caplog.set_level(logging.INFO)
     ways = {"dialog": by_dialog, "drop": lambda test, window, path: (drop(path), settle(test, window))}
     (tmp_path / "empty").mkdir()

@@ -54,15 +54,19 @@ def perform(window, script):
     from imgui_bundle import immapp
 
     params = window.params((1280, 800), remember=False)
-    prepare = params.callbacks.pre_new_frame
+    prepare, render = params.callbacks.pre_new_frame, params.callbacks.before_imgui_render
+
+    def awake():
+        """A window at rest would wait up to seven seconds for an event; these come past its queue."""
+        render()
+        params.fps_idling.enable_idling = False
 
     def step():
         prepare()
-        params.fps_idling.enable_idling = False
         imgui.backends.glfw_cursor_enter_callback(hello_imgui.get_glfw_window_address(), 1)
         params.app_shall_exit = next(script, True)
 
-    params.callbacks.pre_new_frame = step
+    params.callbacks.pre_new_frame, params.callbacks.before_imgui_render = step, awake
     immapp.run(params)
 
 

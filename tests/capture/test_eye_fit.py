@@ -98,11 +98,11 @@ def off(one: Person, two: Person, blink: float) -> float:
     return float((first != second).sum() / second.sum())
 
 
-@pytest.mark.parametrize("gains", [(1.0, 1.0, 1.0), (0.55, 0.8, 1.1)])
-def test_a_lid_that_ends_lower_is_found_whatever_the_exposures(gains: tuple[float, ...]) -> None:
-    """In twelve pictures, by more than a third."""
+def test_a_lid_that_ends_lower_is_found_whatever_the_exposures() -> None:
+    """In twelve pictures of three exposures, by more than a third."""
     theirs = person((0, -0.0015, 0))
-    before, after = off(person(), theirs, 0.0), off(fit_eyes(person(), pictures(theirs, gains)), theirs, 0.0)
+    found = fit_eyes(person(), pictures(theirs, (0.55, 0.8, 1.1)))
+    before, after = off(person(), theirs, 0.0), off(found, theirs, 0.0)
     assert before > 0.2
     assert after < 0.65 * before
 

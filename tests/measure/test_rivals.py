@@ -40,7 +40,7 @@ SECONDS = 60.0
 
 @pytest.fixture(scope="module")
 def capture(tmp_path_factory) -> Capture:
-    opened = open_capture(TinyCapture.make().folder(tmp_path_factory.mktemp("tiny") / "capture"))
+    opened = open_capture(TinyCapture.make(("body",)).folder(tmp_path_factory.mktemp("tiny") / "capture"))
     opened = replace(opened, rigs={name: rig.holding_out((HELD_OUT,), ()) for name, rig in opened.rigs.items()})
     return replace(opened, person=with_fitted_skin(opened, opened.person))
 

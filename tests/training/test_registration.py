@@ -74,7 +74,7 @@ def off(avatar: Avatar, one: Sighting, share: Tensor) -> float:
 
 
 def registered(avatar: Avatar, share: Tensor, height: Tensor, slides: bool, rises: bool, count: int = SEEN) -> None:
-    """By six pictures."""
+    """By six pictures, where something slides, else by three."""
     avatar.body.add_detail(0.02)
     detail = avatar.body.detail
     assert detail is not None
@@ -82,7 +82,7 @@ def registered(avatar: Avatar, share: Tensor, height: Tensor, slides: bool, rise
     def painted(sightings: Sequence[Sighting]) -> None:
         paint(detail, [project(avatar, one, "body") for one in sightings], "here", 0)
 
-    register(avatar, [pictured(avatar, share, height, seed, count) for seed in range(6)], [], painted, slides, rises)
+    register(avatar, [pictured(avatar, share, height, seed, count) for seed in range(6 if slides else 3)], [], painted, slides, rises)
 
 
 def sliding(avatar: Avatar) -> Tensor:

@@ -30,7 +30,7 @@ from avatarrex.training.runs.events import EventReader, event_files
 out, dice, report = Path(sys.argv[1]), random.Random(7), []
 saves = out / "checkpoints"
 moments = ["any", ".new_*", ".new_*/*.safetensors", ".new_*/manifest.json", "any", ".old_*"]
-for moment in [*moments, *moments, "end"]:
+for moment in [*moments, "end"]:
     files = len(event_files(out))
     child = os.fork()
     if child == 0:
