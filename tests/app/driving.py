@@ -26,7 +26,8 @@ def drive(window, scenario, size=(1280, 800), remember=False):
 
     def awake():
         """A window at rest would wait up to seven seconds for an event; the test engine's come past its queue."""
-        render()
+        if render:
+            render()
         params.fps_idling.enable_idling = False
 
     params.callbacks.before_imgui_render = awake

@@ -172,7 +172,10 @@ def test_the_performance_panel_changes_the_level_and_costs_nothing_when_hidden(d
         seen["image"], seen["done"] = window.studio.pictures.picture.image, len(window.studio.pictures.history)
         test.yield_(20)
         seen["still"], seen["idle"] = window.studio.pictures.picture.image, len(window.studio.pictures.history)
-        seen["rate"] = hello_imgui.get_runner_params().fps_idling.fps_idle
+        idling, idle = hello_imgui.get_runner_params().fps_idling, window._idle
+        window._idle = lambda: (idle(), seen.update(waits=idling.enable_idling))  # which `driving` takes back
+        test.yield_(2)
+        seen["rate"] = idling.fps_idle
 
     drive(ball_engine, scenario)
     assert seen["hidden"] == 0 < seen["shown"]
@@ -181,6 +184,7 @@ def test_the_performance_panel_changes_the_level_and_costs_nothing_when_hidden(d
     assert seen["done"] > seen["pictures"]
     assert seen["idle"] == seen["done"], "nothing changed, nothing is rendered"
     assert seen["still"] is seen["image"]
+    assert seen["waits"]
     assert seen["rate"] == pytest.approx(IDLE_FPS)
 
 

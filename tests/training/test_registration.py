@@ -82,7 +82,14 @@ def registered(avatar: Avatar, share: Tensor, height: Tensor, slides: bool, rise
     def painted(sightings: Sequence[Sighting]) -> None:
         paint(detail, [project(avatar, one, "body") for one in sightings], "here", 0)
 
-    register(avatar, [pictured(avatar, share, height, seed, count) for seed in range(6 if slides else 3)], [], painted, slides, rises)
+    register(
+        avatar,
+        [pictured(avatar, share, height, seed, count) for seed in range(6 if slides else 3)],
+        [],
+        painted,
+        slides,
+        rises,
+    )
 
 
 def sliding(avatar: Avatar) -> Tensor:
