@@ -16,8 +16,9 @@ from avatarrex.signals.driving import Signals
 from avatarrex.templates.mesh import vertex_normals
 from avatarrex.templates.person import load_person
 from avatarrex.templates.posed import pose_person
+from avatarrex.training.core import registration
 from avatarrex.training.core.projection import paint, project
-from avatarrex.training.core.registration import HIGHEST, register
+from avatarrex.training.core.registration import register
 from avatarrex.training.core.sighting import Sighting
 from avatarrex.training.core.silhouette import Silhouette
 
@@ -74,7 +75,7 @@ def off(avatar: Avatar, one: Sighting, share: Tensor) -> float:
 
 
 def registered(avatar: Avatar, share: Tensor, height: Tensor, slides: bool, rises: bool, count: int = SEEN) -> None:
-    """By six pictures, where something slides, else by three."""
+    """By four pictures, where something slides, else by three."""
     avatar.body.add_detail(0.02)
     detail = avatar.body.detail
     assert detail is not None
@@ -84,7 +85,7 @@ def registered(avatar: Avatar, share: Tensor, height: Tensor, slides: bool, rise
 
     register(
         avatar,
-        [pictured(avatar, share, height, seed, count) for seed in range(6 if slides else 3)],
+        [pictured(avatar, share, height, seed, count) for seed in range(4 if slides else 3)],
         [],
         painted,
         slides,
@@ -123,8 +124,9 @@ def test_the_relief_is_found_beside_the_slide(bare: Avatar) -> None:
     assert (found - true).abs().mean() < 0.35 * true.abs().mean()
 
 
-def test_the_relief_is_found_alone_and_stays_within_cloth(bare: Avatar) -> None:
-    """A surface 5 cm off is no cloth."""
+def test_the_relief_is_found_alone_and_stays_within_cloth(bare: Avatar, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Cloth stands up to 4 mm off here, what is below the chest 6 mm. A surface 5 cm off is no cloth."""
+    monkeypatch.setattr(registration, "HIGHEST", 0.004)
     body, nothing = bare.body, torch.zeros(len(bare.body.node_vertex), JOINTS)
     height = torch.where(bare.person.body.v_template[:, 1] > 0.3, 0.05, 0.006)
     registered(bare, nothing, height, slides=False, rises=True)
@@ -132,7 +134,7 @@ def test_the_relief_is_found_alone_and_stays_within_cloth(bare: Avatar) -> None:
     found = body.relief[body.sample_anchor]
     body.relief = None
     assert body.slide is None
-    assert found.abs().max() <= HIGHEST + 1e-6
+    assert found.abs().max() <= 0.004 + 1e-6
     low = (body.sample_rest[:, 1] > 0.05) & (body.sample_rest[:, 1] < 0.2)
     assert found[low].median() > 0.003
 
