@@ -155,6 +155,7 @@ def figures(name: str, subject: Subject, work: Path) -> Figures:
         "training_minutes": round(meta["seconds"] / 60),
         "machine": f"{begun['machine']}, one thread",
         "date": str(date.fromtimestamp(avatar.stat().st_mtime)),
+        "capture_key": meta["capture_key"],
         "splits": meta["splits"],
         "commands": [step.command for step in steps],
         "test": {part: {key: found[part][key] for key in ("splits", "surface")} for part in tests if part != "regions"},

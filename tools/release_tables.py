@@ -32,9 +32,21 @@ def tables(figures: Figures) -> str:
         f"{figures['machine']}; {figures['date']}."
     )
     parts = [_table(figures["test"][part], *PARTS[part]) for part in PARTS]
+    heading = f"{heading}\n\n{splits(figures)}"
     if figures["regions"]:
         parts.append(_regions(figures["regions"]))
     return "\n\n".join([heading, commands, *parts, margins(figures["test"]), lost(figures["test"]["body"])])
+
+
+def splits(figures: Figures) -> str:
+    """What the training could not read, and of which capture."""
+    kept = []
+    for rig, found in sorted(figures["splits"].items()):
+        cameras = ", ".join(found["test"]["cameras"]) or "none"
+        kept.append(
+            f"{rig} rig, test frames {found['test']['frames']} and cameras {cameras}, validation frames {found['validation']['frames']}"
+        )
+    return f"Kept from training: {'; '.join(kept)} (A:B is without B; capture key {figures['capture_key']})."
 
 
 def _table(found: Figures, title: str, columns: tuple[Column, ...]) -> str:

@@ -1,5 +1,5 @@
-"""`avatarrex-studio capture make|check|refine|import|prepare`: the synthetic capture, how well any fits together, better tracking, other
-layouts, videos."""
+"""`avatarrex-studio capture make|check|refine|match-exposure|import|prepare`: the synthetic capture, how well any fits together, better
+tracking, one exposure for all cameras, other layouts, videos."""
 
 from __future__ import annotations
 
@@ -53,7 +53,11 @@ def add_options(verb: argparse.ArgumentParser) -> None:
     refine.add_argument(
         "--no-colours", action="store_true", help="by mattes and keypoints alone, in less than half the time"
     )
-
+    what = "a capture whose cameras have one exposure and white balance, by the colours of the person"
+    match = acts.add_parser("match-exposure", help=what, allow_abbrev=False)
+    match.add_argument("capture", help="a folder or .zip")
+    match.add_argument("out", help="a new folder")
+    options.add_person(match, "default")
     _add_import(acts)
     _add_prepare(acts)
 
@@ -101,9 +105,15 @@ def _add_prepare(acts: argparse._SubParsersAction[argparse.ArgumentParser]) -> N
 
 def run(arguments: argparse.Namespace) -> int:
     """Do what the act says. Raises `InputError`."""
-    return {"make": _make, "check": _check, "refine": _refine, "import": _import, "prepare": _prepare}[arguments.act](
-        arguments
-    )
+    acts = {
+        "make": _make,
+        "check": _check,
+        "refine": _refine,
+        "match-exposure": _match_exposure,
+        "import": _import,
+        "prepare": _prepare,
+    }
+    return acts[arguments.act](arguments)
 
 
 def _make(arguments: argparse.Namespace) -> int:
@@ -134,6 +144,13 @@ def _refine(arguments: argparse.Namespace) -> int:
     from avatarrex_studio.cli.capture_refine import refine
 
     return refine(arguments.capture, arguments.every_frame, out, not arguments.no_colours, arguments.person)
+
+
+def _match_exposure(arguments: argparse.Namespace) -> int:
+    out = output_folder(arguments.out, "capture.json")
+    from avatarrex_studio.cli.capture_exposure import match_exposure
+
+    return match_exposure(arguments.capture, arguments.person, out)
 
 
 def _import(arguments: argparse.Namespace) -> int:

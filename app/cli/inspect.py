@@ -89,10 +89,23 @@ def _training(found: object) -> list[str]:
     for name, value in found.items():
         if name == "expressions":  # said by name
             continue
-        if isinstance(value, dict):
+        if name == "splits" and isinstance(value, dict):
+            lines += _splits(value)
+        elif value == {}:
+            lines.append(f"  training: {name}: none")
+        elif isinstance(value, dict):
             lines += [f"  training: {name}: {key}: {_short(each)}" for key, each in value.items()]
         else:
             lines.append(f"  training: {name}: {_short(value)}")
+    return lines
+
+
+def _splits(found: dict[str, object]) -> list[str]:
+    """A line for each rig and split: frames and cameras, whole."""
+    lines = []
+    for rig, by_split in found.items():
+        for split, said in by_split.items() if isinstance(by_split, dict) else ():
+            lines.append(f"  training: splits: {rig} rig, {split}: {json.dumps(said)}")
     return lines
 
 

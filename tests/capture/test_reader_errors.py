@@ -84,6 +84,8 @@ CASES: dict[str, tuple[Callable[[TinyCapture], object], str, str, str]] = {
     "far away": (calibrate(T=[0, 0, 40.0]), CALIBRATION, "c0.T", "20 m from the person"),
     "half a pixel": (calibrate(imgSize=[60.5, 80]), CALIBRATION, "c0.imgSize", "integers"),
     "a fisheye": (calibrate(distCoeff=[0, 0, 0, 0, 0, 0.1]), CALIBRATION, "c0.distCoeff", "4 or 5"),
+    "two gains": (calibrate(gain=[1, 1]), CALIBRATION, "c0.gain", "3 numbers"),
+    "no light": (calibrate(gain=[1, 0, 1]), CALIBRATION, "c0.gain", "[r, g, b], factors from 0.125 to 8"),
     "another size": (calibrate(imgSize=[80, 60]), "body/c0/00000000.jpg", "", "80x60 pixels"),
     "no picture": (put("body/c0/00000000.jpg", b"hello"), "body/c0/00000000.jpg", "", "JPEG or PNG"),
     "a newer format": (manifest(format=2), "capture.json", "format", "at most 1"),

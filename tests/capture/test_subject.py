@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import torch
 import trimesh
+from scipy.spatial import cKDTree
 
 from avatarrex.camera import Camera
 from avatarrex.capture.synthetic.rasteriser import draw_reference
@@ -16,6 +17,7 @@ from avatarrex.capture.zbuffer import visible_faces
 from avatarrex.errors import InputError
 from avatarrex.signals.driving import Signals
 from avatarrex.templates.model import pose_template
+from avatarrex.templates.person import load_person
 
 igl = pytest.importorskip("igl")
 
@@ -51,6 +53,16 @@ def near(posed: PosedSubject, count: int, rng: np.random.Generator, spread: floa
 def subject() -> Subject:
     """The packaged subject."""
     return load_subject()
+
+
+def test_hands_and_nearly_all_of_the_face_are_the_templates(subject: Subject) -> None:
+    """At rest, to a micrometre; what README and avatar.json say of the packaged avatar."""
+    person = load_person()
+    apart = cKDTree(subject.vertices).query(person.body.v_template.double().numpy())[0]
+    same = apart < 1e-6
+    assert all(same[hand.body_vertex_ids.numpy()].all() for hand in (person.left_hand, person.right_hand))
+    face = same[person.face.body_vertex_ids.numpy()]
+    assert round(face[person.face.blend_weight.numpy() > 0.5].mean(), 2) == 0.95
 
 
 def test_every_solid_is_closed_and_faces_outwards(subject: Subject) -> None:

@@ -130,7 +130,7 @@ def test_joints_of_the_truth_are_the_subjects_own(made: Path, exact: Path) -> No
         for rig in capture.rigs.values():
             error = joint_error(capture, rig)
             assert error is not None
-            assert error[1] < 0.01 if folder == exact else 10 < error[0] < 60
+            assert error[1] < 0.01 if folder == exact else 10 < error[0] < 60, folder
 
 
 @needs_gl

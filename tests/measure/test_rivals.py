@@ -202,18 +202,18 @@ def test_a_nerf_learns_colours_and_a_frame_it_was_not_shown(capture, tmp_path):
 
 @pytest.mark.parametrize("name", ["image-translation", "canonical-nerf"])
 def test_rivals_see_the_training_alone(capture, name, monkeypatch):
-    """Another picture and matte in the held-out frame change nothing of what is learnt about the fitted person."""
+    """Other pictures and mattes of both rigs in the held-out frame change nothing of what is learnt about the fitted person."""
     monkeypatch.setattr(image_translation, "CROP", 48)
-    losses = []
-    for changed in (False, True):
-        rigs = {
-            key: replace(rig, pictures=Changed(rig.pictures)) if changed else rig for key, rig in capture.rigs.items()
-        }
+    losses, rig = [], capture.rigs["body"]
+    for pictures in (rig.pictures, Changed(rig.pictures)):
+        rigs = {key: replace(rig, name=key, pictures=pictures) for key in ("body", "face")}
         rival = make_rival(name, replace(capture, rigs=rigs), "body", 0)
         learn(rival, 2)
         losses.append([rival.loss(np.random.default_rng(seed), 0.5).item() for seed in range(4)])
     assert losses[0] == losses[1]
-    for rig in [rival._rig] if name == "image-translation" else [rig for rig, _ in rival._rigs]:
+    read = [rival._rig] if name == "image-translation" else [rig for rig, _ in rival._rigs]
+    assert [rig.name for rig in read] == (["body"] if name == "image-translation" else ["body", "face"])
+    for rig in read:
         with pytest.raises(InputError, match="an image with its matte"):
             rig.image(0, HELD_OUT)
         with pytest.raises(Sealed):

@@ -42,6 +42,10 @@ def figures() -> dict[str, Any]:
     found["regions"] = {
         "pictures": {"eyes": {"avatar": {"psnr": 26.161, "ssim": 0.8014, "sharpness": 0.8, "pictures": 7}}}
     }
+    found["capture_key"] = "0123456789abcdef"
+    test = {"test": {"frames": "4:6", "cameras": ["c7"]}, "validation": {"frames": "2:3", "cameras": ["c1"]}}
+    bare = {"test": {"frames": "1:2", "cameras": []}, "validation": {"frames": "0:1", "cameras": ["f1"]}}
+    found["splits"] = {"face": bare, "body": test}
     return {**found, "commands": ["avatarrex-studio train x"], "test": {"body": body, "face": part, "face_alone": part}}
 
 
@@ -65,6 +69,14 @@ def test_figures_are_by_the_commands_of_now(path: Path, tool: ModuleType) -> Non
 def test_a_table_has_a_row_for_each_subject_and_its_surface(tool: ModuleType) -> None:
     text = tool.tables(figures())
     assert "commit abc1234, seed 5, 25 minutes of the wall" in text
+    body, face = (
+        "test frames 4:6 and cameras c7, validation frames 2:3",
+        "test frames 1:2 and cameras none, validation frames 0:1",
+    )
+    assert (
+        f"Kept from training: body rig, {body}; face rig, {face} (A:B is without B; capture key 0123456789abcdef)."
+        in text
+    )
     assert "| pose | 3 | avatar | **20.00** | 20.00 | 20.000 | 20.000 | 20.000 | 20.000 | 20.00 | 1.3 / 4.0 |" in text
     assert "| pose and camera | 1 | avatar | **16.00** | 20.000 | 20.000 | 20.000 | 20.00 |\n" in text
 

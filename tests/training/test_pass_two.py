@@ -91,6 +91,14 @@ def test_who_knows_the_pattern_has_nothing_to_learn_from_patches(body: FrameStor
         assert off < 0.06, f"view {view}: {off}"
 
 
+def test_without_its_weight_the_perceptual_term_is_not_computed(body: FrameStore) -> None:
+    stage, picture = stage_of(body), torch.rand(32, 32, 3, generator=torch.Generator().manual_seed(0))
+    both = torch.ones(32, 32, 1)
+    assert set(stage._compare(picture, 1 - picture, both)) == {"rgb", "perceptual"}
+    stage.recipe = replace(stage.recipe, weights=replace(stage.recipe.weights, perceptual=0.0))
+    assert set(stage._compare(picture, 1 - picture, both)) == {"rgb"}
+
+
 def test_pictures_are_painted_where_they_are_seen(rig: Rig) -> None:
     body = first_frame(uncoloured(0), rig, BODY_ALONE)
     start_from_pictures(body.avatar, "body", body, SPACING)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -71,8 +72,19 @@ def test_the_prior_is_named_where_it_is_taken():
     assert set(prior(avatar, quick, ("body",), None)) == {"body"}
     assert "minutes" in prior(avatar, quick, ("body",), None)["body"], "what it cost"
     assert prior(avatar, from_scratch(quick), ("body", "face"), None) == {}
-    assert prior(avatar, quick, ("body",), avatar) == {}, "it goes on from an avatar"
     assert prior(Avatar.create(load_person(), "paper"), quick, ("body",), None) == {}, "networks of other widths"
+
+
+def test_what_goes_on_has_the_prior_of_its_start():
+    """One that says nothing of it is not one without a prior."""
+    avatar, quick = Avatar.create(load_person(), "compact"), RECIPES["quick"]
+    for said in ({"body": "3 minutes"}, {}):
+        avatar.meta["training"] = {"prior": said}
+        assert prior(avatar, quick, ("body",), avatar) == said
+    avatar.meta["training"] = {"recipe": "long"}
+    assert prior(avatar, quick, ("body",), avatar) == {"start": "it does not say"}
+    del avatar.meta["training"]
+    assert prior(avatar, quick, ("body",), avatar) == {"start": "it does not say"}
 
 
 def test_a_trained_avatar_and_inspect_say_it(capture, tmp_path, monkeypatch):
@@ -87,4 +99,6 @@ def test_a_trained_avatar_and_inspect_say_it(capture, tmp_path, monkeypatch):
     told = "\n".join(inspect.describe(str(last / "avatar.avatar")))
     for name, value in (("tracking", training["tracking"]), ("template: hands", training["template"]["hands"])):
         assert f"training: {name}: {value[:100]}" in told
+    test = training["splits"]["body"]["test"]
+    assert f"training: splits: body rig, test: {json.dumps(test)}" in told
     assert str(tmp_path) not in told.replace(str(last / "avatar.avatar"), "")

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from avatarrex.capture.fit.camera_gains import camera_gains, largest
 from avatarrex.capture.fit.camera_order import exchanged
 from avatarrex.capture.fit.check import CaptureReport, RigReport, check_capture
 from avatarrex.capture.fit.conventions import likely_convention
@@ -32,6 +33,8 @@ LEAN_DEG, SHIFT = 4.0, 0.1
 """What a camera's outlines may lean, and lie off in units of the square root of the matte's area: a pony tail shifts by 0.05."""
 COVERAGE = (0.002, 0.8)
 """Share of a picture that a matte covers: a person fills at most two thirds of a face's picture."""
+UNEVEN, LOOKED_AT = 0.06, 3
+"""How far a camera's brightness may be from the others': one exposure leaves up to 0.03, by gloss; and by how many frames it is read."""
 MISSING = 0.5
 """Share of missing pictures from which a camera is doubtful."""
 
@@ -141,6 +144,10 @@ def _fine(capture: Capture, name: str) -> Iterator[Reason]:
             f"{abs(shift.pixels[0]):.2f} ± {shift.uncertainty[0]:.2f} px {'right' if right else 'left'} of the template"
         )
         yield Reason("doubtful", name, f"half a pixel: all pictures lie {way}; {HALF_PIXEL[right]}")
+    off = largest(camera_gains(rig, capture.person, LOOKED_AT))
+    if off > UNEVEN:
+        what = f"exposure: cameras differ from their mean by up to {off:.0%}; `capture match-exposure` evens them out"
+        yield Reason("doubtful", name, what)
     for reading in hand_readings(capture, rig):
         if reading.certain:
             yield Reason(

@@ -1,7 +1,8 @@
 """Calibrated cameras of a rig, from AvatarReX's and THuman4.0's JSON.
 
 {camera: {K 9, R 9, T 3, distCoeff 4 or 5, imgSize [w, h]}}, matrices flat or nested; world→camera, OpenCV axes. `fisheye: true` says that
-the four coefficients are those of OpenCV's fisheyes.
+the four coefficients are those of OpenCV's fisheyes. `gain: [r, g, b]` is ours: what its sRGB pictures are multiplied by, so that
+all cameras of a rig have one exposure and white balance (fit/camera_gains.py).
 Pixel centres are taken at i + 0.5, as everywhere in this project.
 """
 
@@ -24,6 +25,8 @@ ROTATION_SLACK = 1e-2
 """Largest entry of RᵀR − I: files round R to as few as three digits; it is then replaced by the nearest rotation."""
 LARGEST_NUMBER = 1e9
 """Largest number: 1000 km in millimetres; a focal length in pixels is far below."""
+LARGEST_GAIN = 8.0
+"""Factor at most, either way."""
 SMALL_DISTORTION = 1e-4
 """Σ|k| below which a lens is taken as ideal: at most 0.15 pixels in the corner of a 1500×2048 image."""
 
@@ -39,6 +42,8 @@ class Lens:
     """k1, k2, p1, p2, k3 of OpenCV, (5,); k1 to k4 of a fisheye, (4,)."""
     fisheye: np.ndarray | None = None
     """K (3, 3) of a fisheye's images as taken, whose pinhole has another focal length; None of other lenses."""
+    gain: tuple[float, ...] = (1.0, 1.0, 1.0)
+    """What red, green and blue of the sRGB images are multiplied by."""
 
     @property
     def taken(self) -> np.ndarray:
@@ -104,8 +109,10 @@ def _lens(name: str, entry: Any, source: str) -> Lens:
     check(isinstance(fisheye, bool), source, f"{name}.fisheye", "true or false", repr(fisheye)[:60])
     if fisheye:
         coefficients = _numbers(entry, "distCoeff", (None,), name, source)
-        return fisheye_lens(name, camera, coefficients, source, f"{name}.distCoeff")
-    return Lens(name, camera, _distortion(entry, name, source))
+        lens = fisheye_lens(name, camera, coefficients, source, f"{name}.distCoeff")
+    else:
+        lens = Lens(name, camera, _distortion(entry, name, source))
+    return replace(lens, gain=_gain(entry, name, source))
 
 
 def nearest_rotation(matrix: np.ndarray, source: object, field: str) -> np.ndarray:
@@ -126,6 +133,16 @@ def _distortion(entry: dict[str, Any], name: str, source: str) -> np.ndarray:
     if len(values) < 4 or values[5:].any():
         raise InputError(source, f"{name}.distCoeff", "4 or 5 coefficients k1, k2, p1, p2, k3", len(values))
     return np.pad(values[:5], (0, max(5 - len(values), 0)))
+
+
+def _gain(entry: dict[str, Any], name: str, source: str) -> tuple[float, ...]:
+    """One of each channel; 1 unless given."""
+    if "gain" not in entry:
+        return (1.0, 1.0, 1.0)
+    gain: list[float] = _numbers(entry, "gain", (3,), name, source).tolist()
+    within = all(1 / LARGEST_GAIN <= one <= LARGEST_GAIN for one in gain)
+    check(within, source, f"{name}.gain", f"[r, g, b], factors from {1 / LARGEST_GAIN:g} to {LARGEST_GAIN:g}", gain)
+    return tuple(gain)
 
 
 def _numbers(entry: dict[str, Any], key: str, shape: tuple[int | None], name: str, source: str) -> np.ndarray:

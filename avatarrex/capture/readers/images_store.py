@@ -9,6 +9,7 @@ from collections.abc import Callable, Hashable
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float, UInt8
 from PIL import Image
 
 from avatarrex.capture.readers.archive import PICTURE_BYTES, Archive
@@ -58,6 +59,12 @@ def has_alpha(archive: Archive, name: str) -> bool:
         return False
 
 
+def times(image: UInt8[np.ndarray, "h w 3"], gain: Float[np.ndarray, " 3"]) -> UInt8[np.ndarray, "h w 3"]:
+    """An sRGB image with each channel multiplied, rounded; what is brighter than white is white."""
+    brighter: np.ndarray = np.rint(np.clip(image * gain, 0, 255)).astype(np.uint8)
+    return brighter
+
+
 class Pictures:
     """Decoded, undistorted pictures of one rig by (view, frame)."""
 
@@ -75,7 +82,7 @@ class Pictures:
         """Files that have been found to be whole; a black PNG is unpacked for it, which takes up to as long as decoding."""
 
     def get(self, kind: str, view: int, frame: int) -> np.ndarray:
-        """An `image`, sRGB bytes (h, w, 3), or a `matte`, foreground from 0 to 255 (h, w); read-only.
+        """An `image`, sRGB bytes (h, w, 3) times its camera's gain, or a `matte`, foreground from 0 to 255 (h, w); read-only.
 
         Raises `InputError` for a damaged file or another size than the calibration's.
         """
@@ -103,11 +110,10 @@ class Pictures:
                 self._whole.add(name)
             chosen = picture.convert("RGBA").getchannel("A") if own else picture
             pixels = np.array(chosen.convert("RGB" if kind == "image" else "L"))
-        if not self._lenses[view].distorts:
-            return pixels
-        return undistort(
-            pixels, self._cache.get(("pixels", self._lenses[view]), lambda: source_pixels(self._lenses[view]))
-        )
+        lens = self._lenses[view]
+        if lens.distorts:
+            pixels = undistort(pixels, self._cache.get(("pixels", lens), lambda: source_pixels(lens)))
+        return times(pixels, np.array(lens.gain)) if kind == "image" and set(lens.gain) != {1.0} else pixels
 
     def _open(self, kind: str, view: int, frame: int) -> tuple[bytes, Image.Image]:
         """A picture's file, and the picture before it is decoded."""

@@ -12,19 +12,17 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
+from avatarrex.capture.fit.camera_gains import colour_sums
 from avatarrex.capture.fit.check import template_surface
-from avatarrex.capture.readers.images_store import Pictures
+from avatarrex.capture.readers.images_store import Pictures, times
 from avatarrex.capture.readers.rigs import Capture, Rig
 from avatarrex.capture.readers.splits import sealed
-from avatarrex.capture.zbuffer import visible_faces
 from avatarrex.errors import InputError, check
 from avatarrex.templates.person import Person
 from avatarrex.training.core.pixels import training_pairs
 
 PICTURES = 10
 """Of each rig, spread over frames and views."""
-OPAQUE = 250
-"""Matte byte from which a pixel has the person's colour alone."""
 DARKEST = 24.0
 """Bytes: of darker means a ratio says little."""
 FEWEST = 100
@@ -42,10 +40,7 @@ class ExposedPictures(Pictures):
     def get(self, kind: str, view: int, frame: int) -> np.ndarray:
         """See `Pictures`."""
         taken = self._taken.get(kind, view, frame)
-        if kind == "matte":
-            return taken
-        exposed: np.ndarray = np.rint(np.clip(taken * self.gain, 0, 255)).astype(np.uint8)
-        return exposed
+        return taken if kind == "matte" else times(taken, self.gain)
 
     def check_size(self, view: int, frame: int) -> None:
         """See `Pictures`."""
@@ -114,12 +109,7 @@ def _colours(rig: Rig, person: Person) -> Float[np.ndarray, "f 3"]:
     faces, pairs = person.body.faces.numpy(), training_pairs(rig)
     total = np.zeros((len(faces), 4))
     for frame, view in (pairs[k] for k in np.unique(np.linspace(0, len(pairs) - 1, PICTURES).round().astype(int))):
-        vertices = template_surface(person, rig.signals[frame])[0]
-        face = visible_faces(vertices, faces, rig.views[view].camera)[0]
-        counts = (face >= 0) & (rig.matte(view, frame) >= OPAQUE)
-        values = np.concatenate([rig.image(view, frame)[counts].T, np.ones((1, counts.sum()))])
-        for column, value in enumerate(values):
-            total[:, column] += np.bincount(face[counts], value, len(faces))
+        total += colour_sums(rig, view, frame, template_surface(person, rig.signals[frame])[0], faces)
     with np.errstate(invalid="ignore"):
         mean: np.ndarray = total[:, :3] / total[:, 3:]
     return mean

@@ -23,9 +23,12 @@ PARTS = {"body": ("body",), "face": ("face", "face_colour")}
 
 
 def prior(avatar: Avatar, recipe: Recipe, parts: tuple[str, ...], start: Avatar | None) -> dict[str, str]:
-    """By part of the packaged prior what it cost; only of parts that the training began with. Empty: nothing was known before."""
+    """By part of the packaged prior what it cost, only of parts that the training began with; one that went on has that of its start.
+    Empty: nothing was known before."""
     if start is not None:
-        return {}
+        before = start.meta.get("training")
+        known = before.get("prior") if isinstance(before, dict) else None
+        return known if isinstance(known, dict) else {"start": "it does not say"}
     about = read_prior(PRIOR)[1]
     begun = [part for part in parts if (one := getattr(recipe, part)[0]).warm_steps and one.prior]
     return {name: about[name] for part in begun for name in PARTS[part] if prior_of(avatar, name) is not None}
@@ -63,7 +66,7 @@ def of_the_template(capture: Capture) -> dict[str, str]:
     return {
         "body": f"joints, skinning weights and nodes of {own}{skin}",
         "hands": f"all: meshes of {own}{skin}, by exact signed distance",
-        "face": f"the morph targets of {own} that carry the tri-planes{face}",
+        "face": f"morph targets, which carry the tri-planes, of {own}{face}",
     }
 
 

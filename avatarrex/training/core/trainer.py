@@ -269,7 +269,7 @@ class Trainer:
             "perceptual": self.perceptual.name,
             "seed": self.seed,
             "from_scratch": self.recipe.scratch,
-            "splits": {part: self.splits[part] for part in self.parts},
+            "splits": self.splits,
             "prior": self.known,
             "tracking": provenance.tracking(self.capture),
             "light": provenance.light(self.capture),

@@ -1,0 +1,101 @@
+"""How much brighter or warmer each camera of a rig is than the others, by the colours of the person.
+
+At one moment a point of the skin has one colour, whichever camera sees it, but for gloss. With c_kp the logarithm of the mean colour of
+triangle and frame p as camera k sees it,
+
+    min over t and g of  Σ ω_kp |c_kp − t_p + g_k|²,   Σ_k g_k = 0
+
+of each channel; t is eliminated. ω falls with the residual of the round before (Geman–McClure): gloss, and triangles that are drawn beside
+their place. exp g is what a camera's pictures have to be multiplied by. sRGB-encoded, where a change of exposure is nearly a factor.
+
+Letters: k cameras, f triangles, p triangles at frames.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+
+from avatarrex.capture.fit.check import shown_frames, template_surface
+from avatarrex.capture.readers.rigs import Rig
+from avatarrex.capture.readers.splits import Splits
+from avatarrex.capture.zbuffer import visible_faces
+from avatarrex.templates.person import Person
+
+FRAMES = 6
+"""Of the training's, spread."""
+OPAQUE = 250
+"""Matte byte from which a pixel has the person's colour alone."""
+DARKEST, BRIGHTEST = 24.0, 250.0
+"""Bytes: the ratio of darker means says little, brighter ones are cut off."""
+FEWEST = 100
+"""Triangles at frames that a camera has to share with others; with fewer its gain is 1."""
+ROUNDS, STRAY = 8, 0.1
+"""Solutions, and the logarithm of a ratio at which a weight has fallen to a quarter."""
+
+
+def camera_gains(rig: Rig, person: Person, frames: int = FRAMES) -> Float[np.ndarray, "k 3"]:
+    """What the pictures of each camera have to be multiplied by so that all are as bright; 1 of cameras that are held out.
+
+    By pictures of at most `frames` frames of the training's split; the geometric mean of what share points is 1.
+    """
+    views, faces = Splits.of(rig).train.views, person.body.faces.numpy()
+    seen = [np.full((len(views), len(faces), 3), np.nan)]
+    for frame in shown_frames(rig, frames):
+        vertices = template_surface(person, rig.signals[frame])[0]
+        colours = [_mean_colours(rig, view, frame, vertices, faces) for view in views]
+        seen.append(np.stack(colours) if colours else seen[0])
+    gains = np.ones((len(rig.views), 3))
+    gains[list(views)] = gains_of(np.concatenate(seen, axis=1))
+    return gains
+
+
+def gains_of(colours: Float[np.ndarray, "k p 3"]) -> Float[np.ndarray, "k 3"]:
+    """Of mean colours, bytes, NaN where a camera does not see a triangle."""
+    within = np.isfinite(colours).all(-1) & (np.nan_to_num(colours) > DARKEST).all(-1)
+    within &= (np.nan_to_num(colours) < BRIGHTEST).all(-1)
+    within &= within.sum(0) > 1
+    within[within.sum(1) < FEWEST] = False
+    within &= within.sum(0) > 1
+    shared = within.any(0)
+    seen = within[:, shared]
+    value = np.log(np.where(seen[..., None], colours[:, shared], 1.0))
+    weight, gain = seen.astype(float), np.zeros((len(colours), 3))
+    for _ in range(ROUNDS):
+        every = weight.sum(0)
+        share = weight / every
+        off = value - (share[..., None] * value).sum(0)
+        square = np.diag(weight.sum(1)) - weight @ share.T
+        gain = np.linalg.lstsq(square, -(weight[..., None] * off).sum(1), rcond=1e-9)[0]
+        even = value + gain[:, None]
+        even -= (share[..., None] * even).sum(0)
+        weight = np.where(seen, 1 / (1 + np.square(even).mean(-1) / STRAY**2) ** 2, 0.0)
+    found: np.ndarray = np.exp(gain)
+    return found
+
+
+def largest(gains: Float[np.ndarray, "k 3"]) -> float:
+    """How far the gain farthest from 1 is away, as a share: 0.25 of 1.25 and of 0.8."""
+    return float(np.expm1(np.abs(np.log(gains)).max(initial=0.0)))
+
+
+def colour_sums(
+    rig: Rig, view: int, frame: int, vertices: Float[np.ndarray, "v 3"], faces: np.ndarray
+) -> Float[np.ndarray, "f 4"]:
+    """Bytes of the pixels that show each triangle of a mesh in world metres, summed, and their number."""
+    face = visible_faces(vertices, faces, rig.views[view].camera)[0]
+    counts = (face >= 0) & (rig.matte(view, frame) >= OPAQUE)
+    values = np.concatenate([rig.image(view, frame)[counts].T, np.ones((1, counts.sum()))])
+    return np.stack([np.bincount(face[counts], value, len(faces)) for value in values], axis=-1)
+
+
+def _mean_colours(
+    rig: Rig, view: int, frame: int, vertices: Float[np.ndarray, "v 3"], faces: np.ndarray
+) -> Float[np.ndarray, "f 3"]:
+    """Bytes; NaN where none is seen or there is no picture."""
+    if not rig.available(view, frame):
+        return np.full((len(faces), 3), np.nan)
+    sums = colour_sums(rig, view, frame, vertices, faces)
+    with np.errstate(invalid="ignore"):
+        mean: np.ndarray = sums[:, :3] / sums[:, 3:]
+    return mean

@@ -1,0 +1,135 @@
+"""Cameras of different exposure: gains that are found, that `capture match-exposure` writes, and that the reader multiplies pictures by."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from avatarrex_studio.cli.main import main
+from training.miniature import write_miniature
+
+from avatarrex.capture.fit.camera_gains import FEWEST, camera_gains, gains_of, largest
+from avatarrex.capture.fit.matched_capture import every_camera
+from avatarrex.capture.fit.verdict import judge
+from avatarrex.capture.readers.rigs import open_capture
+from avatarrex.errors import InputError
+
+GAINS = np.array([[0.8, 0.9, 1.0], [1.1, 1.0, 0.8], [0.7, 0.7, 0.7], [1.2, 1.2, 1.0], [0.6, 0.7, 0.8]])
+"""Of the five cameras, the last of which is held out."""
+
+
+def shares(gains: np.ndarray) -> np.ndarray:
+    """With a geometric mean of 1."""
+    return np.asarray(gains / np.exp(np.log(gains).mean(0)))
+
+
+def seen_by(gains: np.ndarray, rng: np.random.Generator, count: int = 2000) -> np.ndarray:
+    """Colours of triangles, each in half of the cameras, as bytes that these multiply."""
+    colours = rng.uniform(60, 150, (count, 3)) * gains[:, None]
+    colours[rng.random(colours.shape[:2]) < 0.5] = np.nan
+    return colours
+
+
+def test_gains_undo_what_cameras_multiply_by(rng: np.random.Generator) -> None:
+    colours = seen_by(GAINS, rng)
+    np.testing.assert_allclose(gains_of(colours), 1 / shares(GAINS), rtol=1e-6)
+    colours[0, :400] *= rng.uniform(1.5, 3.0, (400, 1))  # gloss in a fifth of one camera's triangles
+    np.testing.assert_allclose(gains_of(colours), 1 / shares(GAINS), rtol=0.02)
+
+
+def test_dark_and_cut_off_colours_say_nothing(rng: np.random.Generator) -> None:
+    colours = seen_by(GAINS, rng)
+    colours[1, :800] = 3.0
+    colours[2, 800:1600] = 255.0
+    np.testing.assert_allclose(gains_of(colours), 1 / shares(GAINS), rtol=1e-6)
+
+
+def test_a_camera_with_little_in_common_keeps_its_exposure(rng: np.random.Generator) -> None:
+    colours = np.concatenate([seen_by(GAINS, rng), seen_by(GAINS[:1], rng)])
+    colours[5, FEWEST - 1 :] = np.nan
+    found = gains_of(colours)
+    np.testing.assert_allclose(found[5], 1)
+    np.testing.assert_allclose(found[:5], 1 / shares(GAINS), rtol=1e-6)
+
+
+def test_cameras_that_share_nothing_with_the_others_are_even_among_themselves(rng: np.random.Generator) -> None:
+    colours = np.full((5, 4000, 3), np.nan)
+    colours[:2, :2000], colours[2:, 2000:] = seen_by(GAINS[:2], rng), seen_by(GAINS[2:], rng)
+    found = gains_of(colours)
+    np.testing.assert_allclose(found[:2], 1 / shares(GAINS[:2]), rtol=1e-6)
+    np.testing.assert_allclose(found[2:], 1 / shares(GAINS[2:]), rtol=1e-6)
+
+
+def test_one_camera_or_none_is_left_as_it_is() -> None:
+    np.testing.assert_array_equal(gains_of(np.full((1, 500, 3), 90.0)), np.ones((1, 3)))
+    assert gains_of(np.full((0, 500, 3), 90.0)).shape == (0, 3)
+
+
+@pytest.fixture(scope="module")
+def uneven(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The miniature, whose calibration multiplies pictures by `GAINS`."""
+    folder = write_miniature(tmp_path_factory.mktemp("uneven"), "body")
+    name = folder / "body" / "calibration_full.json"
+    calibration = json.loads(name.read_text())
+    for entry, gain in zip(calibration.values(), GAINS):
+        entry["gain"] = gain.tolist()
+    name.write_text(json.dumps(calibration))
+    return folder
+
+
+def test_the_reader_multiplies_pictures_and_leaves_mattes(
+    uneven: Path, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    plain = open_capture(write_miniature(tmp_path_factory.mktemp("even"), "body")).rigs["body"]
+    rig = open_capture(uneven).rigs["body"]
+    for view, gain in enumerate(GAINS):
+        wanted = np.clip(plain.image(view, 0) * gain, 0, 255)
+        assert np.abs(rig.image(view, 0) - wanted).max() <= 0.5
+        np.testing.assert_array_equal(rig.matte(view, 0), plain.matte(view, 0))
+
+
+def test_a_matched_capture_has_one_exposure_the_held_out_camera_too(
+    uneven: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = open_capture(uneven)
+    assert before.rigs["body"].held_out_views == {4}
+    verdict = judge(before)[2]
+    assert any("`capture match-exposure`" in reason.what for reason in verdict.reasons), verdict
+    assert main(["capture", "match-exposure", str(uneven), str(tmp_path / "even")]) == 0
+    said = capsys.readouterr().out
+    assert "c45" in said
+    assert "left after it" in said
+    after = open_capture(tmp_path / "even")
+    assert after.key != before.key
+    assert after.manifest["matched"] == before.key
+    assert {**after.manifest, "matched": 0} == {**before.manifest, "matched": 0}
+    entries = json.loads((tmp_path / "even" / "body" / "calibration_full.json").read_text()).values()
+    left = np.array([entry["gain"] for entry in entries])
+    np.testing.assert_allclose(left, left[:1].repeat(5, 0), rtol=0.03)
+    rig = every_camera(after.rigs["body"])
+    assert largest(camera_gains(rig, after.person)) < 0.02
+    assert not any("exposure" in reason.what for reason in judge(after)[2].reasons)
+    assert after.rigs["body"].held_out_frames == {3}
+    with pytest.raises(InputError, match="frame 3: expected an image with its matte, found none"):
+        rig.image(0, 3)
+
+
+def test_gains_are_of_the_trainings_cameras_alone(uneven: Path) -> None:
+    capture = open_capture(uneven)
+    found = camera_gains(capture.rigs["body"], capture.person)
+    np.testing.assert_array_equal(found[4], 1)
+    np.testing.assert_allclose(found[:4], 1 / shares(GAINS[:4]), rtol=0.03)
+
+
+def test_what_lies_in_the_way_is_refused(uneven: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    before = set(uneven.parent.iterdir())
+    assert main(["capture", "match-exposure", str(uneven), str(uneven)]) == 2
+    assert "expected a name that is free, or an empty folder" in capsys.readouterr().err
+    assert set(uneven.parent.iterdir()) == before, "nothing half made is left"
+
+
+def test_how_far_the_farthest_gain_is_from_one() -> None:
+    assert largest(np.array([[1.0, 1.1, 0.8]])) == pytest.approx(0.25)
+    assert largest(np.ones((3, 3))) == 0
