@@ -1,10 +1,11 @@
-"""Captures made, imported, checked and refined: a button for each, and the few things that it needs to know."""
+"""Captures made, imported, checked, refined and matched in exposure: a button for each, and the few things that it needs to know."""
 
 from __future__ import annotations
 
 import hashlib
 import os
 from pathlib import Path
+from typing import NamedTuple
 
 from avatarrex_studio.jobs.task import UNUSABLE, Task, beside
 from avatarrex_studio.panels import widgets
@@ -29,13 +30,42 @@ GARMENTS = {"printed": "a printed shirt", "loose": "a loose tunic"}
 RIGS = ("body", "face")
 
 
+class Anew(NamedTuple):
+    """A capture that is written anew from the one that is filled in."""
+
+    act: str
+    title: str
+    what: str
+    suffix: str
+    """Of its folder's name."""
+    sheets: str = ""
+    """Of the pictures that it draws, by rig."""
+
+
+ANEW = {
+    "refine": Anew(
+        "refine",
+        "Refine",
+        "Poses and size fitted anew to the capture's own mattes and keypoints; the pictures stay where they are.",
+        "_refined",
+        "refine_{}.png",
+    ),
+    "match": Anew(
+        "match-exposure",
+        "Match exposure",
+        "One exposure and white balance for all cameras of a rig, by the colours of the person; the pictures stay where they are.",
+        "_matched",
+    ),
+}
+
+
 class CaptureTools:
     """What is filled in."""
 
     def __init__(self, files: FileDialog) -> None:
         """`files`: the panel's dialog, which it draws."""
         self.shown = ""
-        """`make`, `import`, `refine`, or nothing."""
+        """`make`, `import`, one of `ANEW`, or nothing."""
         self.size, self.subject, self.garment, self.seed, self.noise = "small", "default", "printed", 0, 0.0
         self.out = ""
         self.imported = CaptureImport(files)
@@ -51,9 +81,10 @@ class CaptureTools:
             buttons = {
                 "check": f"{icons.ICON_FA_CLIPBOARD_CHECK}  Check",
                 "refine": f"{icons.ICON_FA_CROSSHAIRS}  Refine…",
+                "match": f"{icons.ICON_FA_CIRCLE_HALF_STROKE}  Exposure…",
                 **buttons,
             }
-        pressed = widgets.button_grid(buttons, 84, "capture.")
+        pressed = widgets.button_grid(buttons, 96, "capture.")
         if pressed == "check":
             return checking(path)
         if pressed:
@@ -62,7 +93,7 @@ class CaptureTools:
             return self._make()
         if self.shown == "import":
             return self.imported.draw()
-        return self._refine(path) if self.shown == "refine" and path else None
+        return self._anew(path, ANEW[self.shown]) if self.shown in ANEW and path else None
 
     def _make(self) -> Task | None:
         """A synthetic capture."""
@@ -88,22 +119,16 @@ class CaptureTools:
                  "--seed", str(self.seed), "--tracking-noise", f"{self.noise:g}")  # fmt: skip
         return Task(f"Make {Path(out).name}", words, Path(beside(out, ".log")), capture=out)
 
-    def _refine(self, capture: str) -> Task | None:
-        """Better tracking of the same pictures."""
-        widgets.paragraph(
-            "Poses and size fitted anew to the capture's own mattes and keypoints; the pictures stay where they are."
-        )
+    def _anew(self, capture: str, kind: Anew) -> Task | None:
+        """The same pictures with better tracking, or in one exposure."""
+        widgets.paragraph(kind.what)
         name = Path(capture).name.removesuffix(".zip")
-        out = self._into(beside(str(Path(capture)).removesuffix(".zip"), "_refined"))
-        if not self._pressed("Refine", out):
+        out = self._into(beside(str(Path(capture)).removesuffix(".zip"), kind.suffix))
+        if not self._pressed(kind.title, out):
             return None
-        pictures = tuple(Path(out) / f"refine_{rig}.png" for rig in RIGS)
+        pictures = tuple(Path(out) / kind.sheets.format(rig) for rig in RIGS if kind.sheets)
         return Task(
-            f"Refine {name}",
-            ("capture", "refine", capture, out),
-            Path(beside(out, ".log")),
-            pictures,
-            out,
+            f"{kind.title} {name}", ("capture", kind.act, capture, out), Path(beside(out, ".log")), pictures, out
         )
 
     def _into(self, hint: str) -> str:

@@ -637,6 +637,23 @@ def test_a_path_without_a_name_is_typed_for_a_refinement(screen, monkeypatch, ca
     assert off == [True]
 
 
+@pytest.mark.parametrize(
+    ("shown", "words", "pictures"),
+    [
+        ("refine", ("capture", "refine", "a.zip", "a_refined"), ["refine_body.png", "refine_face.png"]),
+        ("match", ("capture", "match-exposure", "a.zip", "a_matched"), []),
+    ],
+)
+def test_a_capture_is_written_anew_beside_the_one_that_is_filled_in(screen, monkeypatch, shown, words, pictures):
+    tools = CaptureTools(FileDialog())
+    monkeypatch.setattr(widgets, "button_grid", lambda *_: shown)
+    monkeypatch.setattr(imgui, "button", lambda *_: True)
+    (task,) = screen.frame(lambda: filter(None, [tools.draw("a.zip")]))
+    assert task.words == words
+    assert [picture.name for picture in task.pictures] == pictures
+    assert tools.shown == ""
+
+
 @pytest.mark.parametrize(("code", "shown"), [(0, 1), (1, 1), (2, 0)])
 def test_a_task_that_failed_shows_no_picture_of_one_before(screen, monkeypatch, tmp_path, code, shown):
     picture, drawn = tmp_path / "body.png", []
