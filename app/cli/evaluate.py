@@ -48,7 +48,7 @@ def add_options(verb: argparse.ArgumentParser) -> None:
         action="store_true",
         help="beside it the template: naked, textured and in one colour; textured with its skin fitted to the mattes",
     )
-    add("--face-only", action="store_true", help="everything cut by where the template's face is seen")
+    add("--face-only", action="store_true", help="everything cut by where the fitted face is seen")
     add("--exposed-as", metavar="RIG", help="pictures as the cameras of another rig would have taken them")
     add("--json", metavar="FILE.json", help="every figure")
     add("--sheet", metavar="OUT.png", help="a contact sheet: ground truth, avatar, difference")
