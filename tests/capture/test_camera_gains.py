@@ -3,21 +3,34 @@
 from __future__ import annotations
 
 import json
+import re
+import shutil
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from avatarrex_studio.cli import capture_exposure
 from avatarrex_studio.cli.main import main
+from PIL import Image
 from training.miniature import write_miniature
 
-from avatarrex.capture.fit.camera_gains import FEWEST, camera_gains, gains_of, largest
+from avatarrex.capture.fit.camera_gains import BRIGHTEST, FEWEST, camera_gains, gains_of, largest
 from avatarrex.capture.fit.matched_capture import every_camera
 from avatarrex.capture.fit.verdict import judge
+from avatarrex.capture.importers.import_capture import calibration
+from avatarrex.capture.readers.calibration import read_calibration
 from avatarrex.capture.readers.rigs import open_capture
 from avatarrex.errors import InputError
 
 GAINS = np.array([[0.8, 0.9, 1.0], [1.1, 1.0, 0.8], [0.7, 0.7, 0.7], [1.2, 1.2, 1.0], [0.6, 0.7, 0.8]])
 """Of the five cameras, the last of which is held out."""
+
+
+BRIGHT = np.full((6, 3), BRIGHTEST)
+"""Of up to six cameras."""
 
 
 def shares(gains: np.ndarray) -> np.ndarray:
@@ -34,37 +47,48 @@ def seen_by(gains: np.ndarray, rng: np.random.Generator, count: int = 2000) -> n
 
 def test_gains_undo_what_cameras_multiply_by(rng: np.random.Generator) -> None:
     colours = seen_by(GAINS, rng)
-    np.testing.assert_allclose(gains_of(colours), 1 / shares(GAINS), rtol=1e-6)
+    np.testing.assert_allclose(gains_of(colours, BRIGHT[: len(colours)]), 1 / shares(GAINS), rtol=1e-6)
     colours[0, :400] *= rng.uniform(1.5, 3.0, (400, 1))  # gloss in a fifth of one camera's triangles
-    np.testing.assert_allclose(gains_of(colours), 1 / shares(GAINS), rtol=0.02)
+    np.testing.assert_allclose(gains_of(colours, BRIGHT[: len(colours)]), 1 / shares(GAINS), rtol=0.02)
 
 
 def test_dark_and_cut_off_colours_say_nothing(rng: np.random.Generator) -> None:
     colours = seen_by(GAINS, rng)
     colours[1, :800] = 3.0
     colours[2, 800:1600] = 255.0
-    np.testing.assert_allclose(gains_of(colours), 1 / shares(GAINS), rtol=1e-6)
+    np.testing.assert_allclose(gains_of(colours, BRIGHT[: len(colours)]), 1 / shares(GAINS), rtol=1e-6)
 
 
 def test_a_camera_with_little_in_common_keeps_its_exposure(rng: np.random.Generator) -> None:
     colours = np.concatenate([seen_by(GAINS, rng), seen_by(GAINS[:1], rng)])
     colours[5, FEWEST - 1 :] = np.nan
-    found = gains_of(colours)
-    np.testing.assert_allclose(found[5], 1)
+    found = gains_of(colours, BRIGHT[: len(colours)])
+    assert np.isnan(found[5]).all()
     np.testing.assert_allclose(found[:5], 1 / shares(GAINS), rtol=1e-6)
 
 
 def test_cameras_that_share_nothing_with_the_others_are_even_among_themselves(rng: np.random.Generator) -> None:
     colours = np.full((5, 4000, 3), np.nan)
     colours[:2, :2000], colours[2:, 2000:] = seen_by(GAINS[:2], rng), seen_by(GAINS[2:], rng)
-    found = gains_of(colours)
+    found = gains_of(colours, BRIGHT[: len(colours)])
     np.testing.assert_allclose(found[:2], 1 / shares(GAINS[:2]), rtol=1e-6)
     np.testing.assert_allclose(found[2:], 1 / shares(GAINS[2:]), rtol=1e-6)
 
 
-def test_one_camera_or_none_is_left_as_it_is() -> None:
-    np.testing.assert_array_equal(gains_of(np.full((1, 500, 3), 90.0)), np.ones((1, 3)))
-    assert gains_of(np.full((0, 500, 3), 90.0)).shape == (0, 3)
+def test_what_is_left_of_a_camera_once_another_is_dropped_counts(rng: np.random.Generator) -> None:
+    """The third shares 99 triangles with the fourth, which has no others, and one with the first."""
+    colours = np.full((4, 1000, 3), np.nan)
+    colours[:2, :800] = 100.0
+    colours[2:, 800 : 800 + FEWEST - 1] = 100.0
+    colours[2, 0] = 150.0
+    found = gains_of(colours, BRIGHT[:4])
+    np.testing.assert_allclose(found[:2], 1)
+    assert np.isnan(found[2:]).all()
+
+
+def test_one_camera_or_none_cannot_be_compared() -> None:
+    assert np.isnan(gains_of(np.full((1, 500, 3), 90.0), BRIGHT[:1])).all()
+    assert gains_of(np.full((0, 500, 3), 90.0), BRIGHT[:0]).shape == (0, 3)
 
 
 @pytest.fixture(scope="module")
@@ -116,20 +140,103 @@ def test_a_matched_capture_has_one_exposure_the_held_out_camera_too(
         rig.image(0, 3)
 
 
+def test_a_person_whose_size_was_fitted_stands_where_the_fit_has_it(
+    uneven: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also where the matched capture is looked at again."""
+    unsized = changed(uneven, tmp_path / "unsized", lambda entry: None)
+    name = unsized / "body" / "smpl_params.npz"
+    with np.load(name) as arrays:
+        kept = {key: arrays[key] for key in arrays if key != "shape10"}
+    np.savez(name, **kept)
+    monkeypatch.setattr(capture_exposure, "fit_size", lambda given: replace(given.moved(-given.pelvis), sized=True))
+    assert not open_capture(unsized).sized
+    assert np.abs(open_capture(unsized).pelvis).max() > 0.1
+    assert main(["capture", "match-exposure", str(unsized), str(tmp_path / "even")]) == 0
+    left = re.search(r"left after it ([\d.]+)%", capsys.readouterr().out)
+    assert left is not None
+    assert float(left[1]) < 2
+
+
 def test_gains_are_of_the_trainings_cameras_alone(uneven: Path) -> None:
     capture = open_capture(uneven)
     found = camera_gains(capture.rigs["body"], capture.person)
-    np.testing.assert_array_equal(found[4], 1)
+    assert np.isnan(found[4]).all()
     np.testing.assert_allclose(found[:4], 1 / shares(GAINS[:4]), rtol=0.03)
 
 
-def test_what_lies_in_the_way_is_refused(uneven: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    before = set(uneven.parent.iterdir())
-    assert main(["capture", "match-exposure", str(uneven), str(uneven)]) == 2
+def changed(folder: Path, out: Path, change: Callable[[dict[str, Any]], object]) -> Path:
+    """A copy whose calibration's entries are changed."""
+    shutil.copytree(folder, out)
+    name = out / "body" / "calibration_full.json"
+    calibration = json.loads(name.read_text())
+    for entry in calibration.values():
+        change(entry)
+    name.write_text(json.dumps(calibration))
+    return out
+
+
+def test_clipped_pictures_are_found_before_their_gain(uneven: Path, tmp_path: Path) -> None:
+    """White pictures say nothing, also where a gain made them grey."""
+    white = changed(uneven, tmp_path / "white", lambda entry: None)
+    for picture in (white / "body").glob("c*/*.jpg"):
+        Image.new("RGB", (96, 128), "white").save(picture)
+    capture = open_capture(white)
+    assert np.isnan(camera_gains(capture.rigs["body"], capture.person)).all()
+
+
+def test_without_anything_to_compare_nothing_is_written(
+    uneven: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    black = changed(uneven, tmp_path / "black", lambda entry: None)
+    for picture in (black / "body").glob("c*/*.jpg"):
+        Image.new("RGB", (96, 128)).save(picture)
+    assert main(["capture", "match-exposure", str(black), str(tmp_path / "out")]) == 2
+    assert "expected two cameras or more whose colours can be compared, found none" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["black"]
+
+
+def test_gains_that_no_reader_takes_are_not_written(
+    uneven: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    dim = changed(uneven, tmp_path / "dim", lambda entry: entry.update(gain=[7.9, 7.9, 7.9]))
+    for picture in (dim / "body").glob("c*/*.jpg"):
+        bytes_of = np.asarray(Image.open(picture))
+        factor = 0.08 if picture.parent.name == "c0" else 0.12
+        Image.fromarray(np.uint8(bytes_of * factor)).save(picture, quality=100)
+    assert main(["capture", "match-exposure", str(dim), str(tmp_path / "out")]) == 2
+    assert "c0.gain: expected factors from 0.125 to 8" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["dim"]
+
+
+def test_what_cannot_be_written_again_is_named(
+    uneven: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    odd = changed(uneven, tmp_path / "odd", lambda entry: entry.update(rectifyAlpha=float("nan")))
+    assert main(["capture", "match-exposure", str(odd), str(tmp_path / "out")]) == 2
+    assert "odd/body/calibration_full.json: expected finite numbers" in capsys.readouterr().err
+
+
+def test_a_folder_inside_the_capture_is_refused(uneven: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["capture", "match-exposure", str(uneven), str(uneven / "out")]) == 2
+    assert "expected a folder outside the capture, found one inside it" in capsys.readouterr().err
+    assert not (uneven / "out").exists()
+
+
+def test_an_import_keeps_gains(uneven: Path) -> None:
+    text = (uneven / "body" / "calibration_full.json").read_text()
+    written = calibration(read_calibration(text, "calibration"))
+    assert [entry["gain"] for entry in written.values()] == GAINS.tolist()
+
+
+def test_what_lies_in_the_way_is_refused(uneven: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "file").touch()
+    assert main(["capture", "match-exposure", str(uneven), str(tmp_path)]) == 2
     assert "expected a name that is free, or an empty folder" in capsys.readouterr().err
-    assert set(uneven.parent.iterdir()) == before, "nothing half made is left"
+    assert [path.name for path in tmp_path.iterdir()] == ["file"], "nothing half made is left"
 
 
 def test_how_far_the_farthest_gain_is_from_one() -> None:
     assert largest(np.array([[1.0, 1.1, 0.8]])) == pytest.approx(0.25)
     assert largest(np.ones((3, 3))) == 0
+    assert largest(np.full((3, 3), np.nan)) == 0

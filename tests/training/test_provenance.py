@@ -83,6 +83,10 @@ def test_what_goes_on_has_the_prior_of_its_start():
         assert prior(avatar, quick, ("body",), avatar) == said
     avatar.meta["training"] = {"recipe": "long"}
     assert prior(avatar, quick, ("body",), avatar) == {"start": "it does not say"}
+    avatar.meta["training"] = {"prior": {}, "start": {"prior": {"body": "3 minutes"}}}
+    assert prior(avatar, quick, ("body",), avatar) == {"body": "3 minutes"}, "none was said of what went on"
+    avatar.meta["training"] = {"prior": {}, "start": "from a file"}
+    assert prior(avatar, quick, ("body",), avatar) == {"start": "it does not say"}
     del avatar.meta["training"]
     assert prior(avatar, quick, ("body",), avatar) == {"start": "it does not say"}
 

@@ -14,7 +14,7 @@ Letters: k cameras, f triangles, p triangles at frames.
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from avatarrex.capture.fit.check import shown_frames, template_surface
 from avatarrex.capture.readers.rigs import Rig
@@ -29,54 +29,61 @@ OPAQUE = 250
 DARKEST, BRIGHTEST = 24.0, 250.0
 """Bytes: the ratio of darker means says little, brighter ones are cut off."""
 FEWEST = 100
-"""Triangles at frames that a camera has to share with others; with fewer its gain is 1."""
+"""Triangles at frames that a camera has to share with others."""
 ROUNDS, STRAY = 8, 0.1
 """Solutions, and the logarithm of a ratio at which a weight has fallen to a quarter."""
 
 
 def camera_gains(rig: Rig, person: Person, frames: int = FRAMES) -> Float[np.ndarray, "k 3"]:
-    """What the pictures of each camera have to be multiplied by so that all are as bright; 1 of cameras that are held out.
-
-    By pictures of at most `frames` frames of the training's split; the geometric mean of what share points is 1.
+    """What the pictures of each camera have to be multiplied by so that all are as bright, with a geometric mean of 1; NaN of a camera
+    that shares too little with others, or is held out. By pictures of at most `frames` frames of the training's split.
     """
     views, faces = Splits.of(rig).train.views, person.body.faces.numpy()
-    seen = [np.full((len(views), len(faces), 3), np.nan)]
-    for frame in shown_frames(rig, frames):
+    seen = [np.full((len(views), 0, 3), np.nan, np.float32)]
+    for frame in shown_frames(rig, frames) if len(views) > 1 else ():
         vertices = template_surface(person, rig.signals[frame])[0]
-        colours = [_mean_colours(rig, view, frame, vertices, faces) for view in views]
-        seen.append(np.stack(colours) if colours else seen[0])
-    gains = np.ones((len(rig.views), 3))
-    gains[list(views)] = gains_of(np.concatenate(seen, axis=1))
+        colours = np.stack([_mean_colours(rig, view, frame, vertices, faces) for view in views])
+        seen.append(colours[:, np.isfinite(colours[..., 0]).sum(0) > 1])
+    gains = np.full((len(rig.views), 3), np.nan)
+    clipped = BRIGHTEST * np.minimum([rig.views[view].gain for view in views], 1.0).reshape(-1, 3)
+    gains[list(views)] = gains_of(np.concatenate(seen, axis=1), clipped)
     return gains
 
 
-def gains_of(colours: Float[np.ndarray, "k p 3"]) -> Float[np.ndarray, "k 3"]:
-    """Of mean colours, bytes, NaN where a camera does not see a triangle."""
-    within = np.isfinite(colours).all(-1) & (np.nan_to_num(colours) > DARKEST).all(-1)
-    within &= (np.nan_to_num(colours) < BRIGHTEST).all(-1)
-    within &= within.sum(0) > 1
-    within[within.sum(1) < FEWEST] = False
-    within &= within.sum(0) > 1
-    shared = within.any(0)
+def gains_of(colours: Float[np.ndarray, "k p 3"], brightest: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "k 3"]:
+    """Of mean colours, bytes, NaN where a camera does not see a triangle; from `brightest` on they may be cut off."""
+    within = _compared(colours, brightest)
+    shared, compared = within.any(0), within.any(1)
     seen = within[:, shared]
     value = np.log(np.where(seen[..., None], colours[:, shared], 1.0))
     weight, gain = seen.astype(float), np.zeros((len(colours), 3))
     for _ in range(ROUNDS):
-        every = weight.sum(0)
-        share = weight / every
+        share = weight / weight.sum(0)
         off = value - (share[..., None] * value).sum(0)
         square = np.diag(weight.sum(1)) - weight @ share.T
         gain = np.linalg.lstsq(square, -(weight[..., None] * off).sum(1), rcond=1e-9)[0]
         even = value + gain[:, None]
         even -= (share[..., None] * even).sum(0)
         weight = np.where(seen, 1 / (1 + np.square(even).mean(-1) / STRAY**2) ** 2, 0.0)
-    found: np.ndarray = np.exp(gain)
-    return found
+    return np.where(compared[:, None], np.exp(gain), np.nan)
+
+
+def _compared(colours: Float[np.ndarray, "k p 3"], brightest: Float[np.ndarray, "k 3"]) -> Bool[np.ndarray, "k p"]:
+    """Which colours count: neither dark nor cut off, seen by another camera, too, and enough of each camera."""
+    with np.errstate(invalid="ignore"):
+        within: np.ndarray = ((colours > DARKEST) & (colours < brightest[:, None])).all(-1)
+    while True:
+        within &= within.sum(0) > 1
+        count = within.sum(1)
+        few = (count > 0) & (count < FEWEST)
+        if not few.any():
+            return within
+        within[few] = False
 
 
 def largest(gains: Float[np.ndarray, "k 3"]) -> float:
-    """How far the gain farthest from 1 is away, as a share: 0.25 of 1.25 and of 0.8."""
-    return float(np.expm1(np.abs(np.log(gains)).max(initial=0.0)))
+    """How far the gain farthest from 1 is away, as a share: 0.25 of 1.25 and of 0.8; those that are NaN do not count."""
+    return float(np.expm1(np.nanmax(np.abs(np.log(gains)), initial=0.0)))
 
 
 def colour_sums(

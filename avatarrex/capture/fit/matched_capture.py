@@ -13,12 +13,13 @@ from jaxtyping import Float
 from avatarrex.capture.fit.camera_gains import camera_gains
 from avatarrex.capture.fit.refined_capture import all_files
 from avatarrex.capture.readers.archive import Archive
-from avatarrex.capture.readers.calibration import read_calibration
+from avatarrex.capture.readers.calibration import LARGEST_GAIN, read_calibration
 from avatarrex.capture.readers.layout import find_rigs
 from avatarrex.capture.readers.linked import link
 from avatarrex.capture.readers.manifest import FORMAT
 from avatarrex.capture.readers.rigs import Capture, Rig
 from avatarrex.capture.readers.splits import Split, Splits, sealed_rig
+from avatarrex.errors import InputError, check
 from avatarrex.files.json_text import parse_json, write_json
 
 DECIMALS = 4
@@ -37,22 +38,45 @@ def write_matched(capture: Capture, out: Path) -> dict[str, Float[np.ndarray, "k
     files = {name: found.get(name) or next(iter(found.values())) for name in capture.rigs}
     calibrations = {files[name].calibration: name for name in capture.rigs}
     gains = {name: camera_gains(every_camera(rig), capture.person) for name, rig in capture.rigs.items()}
+    if not any(np.isfinite(found).any() for found in gains.values()):
+        raise InputError(capture.path, "pictures", "two cameras or more whose colours can be compared", "none")
     for name in all_files(archive, root):
         target = out / name.removeprefix(f"{root}/" if root else "")
         if name in calibrations:
             rig = calibrations[name]
-            write_json(target, _calibration(archive, name, capture.rigs[rig], gains[rig]))
+            _write(target, _calibration(archive, name, capture.rigs[rig], gains[rig]), archive.place(name))
         elif target != out / "capture.json":
             link(archive, name, target)
-    write_json(out / "capture.json", {"format": FORMAT, **capture.manifest, "matched": capture.key})
+    said = {"format": FORMAT, **capture.manifest, "matched": capture.key}
+    _write(out / "capture.json", said, archive.place(f"{root}/capture.json".lstrip("/")))
     return gains
 
 
+def _write(path: Path, data: object, source: str) -> None:
+    """JSON of what was read from `source`."""
+    try:
+        write_json(path, data)
+    except InputError:
+        raise
+    except ValueError as error:
+        raise InputError(source, "", "finite numbers, and texts that are UTF-8", error) from None
+
+
 def _calibration(archive: Archive, name: str, rig: Rig, gains: Float[np.ndarray, "k 3"]) -> dict[str, object]:
-    """That of the file, with what is found multiplied onto its gains; cameras without pictures stay as they are."""
+    """That of the file, with what is found multiplied onto its gains; cameras that could not be compared stay as they are."""
     text, place = archive.text(name), archive.place(name)
     before = {lens.name: lens.gain for lens in read_calibration(text, place)}
     entries: dict[str, dict[str, object]] = dict(parse_json(text, place))
     for view, gain in zip(rig.views, gains):
-        entries[view.name] |= {"gain": np.round(np.multiply(before[view.name], gain), DECIMALS).tolist()}
+        if np.isfinite(gain).all():
+            both = np.round(np.multiply(before[view.name], gain), DECIMALS)
+            within = ((both >= 1 / LARGEST_GAIN) & (both <= LARGEST_GAIN)).all()
+            check(
+                within,
+                place,
+                f"{view.name}.gain",
+                f"factors from {1 / LARGEST_GAIN:g} to {LARGEST_GAIN:g}",
+                both.tolist(),
+            )
+            entries[view.name] |= {"gain": both.tolist()}
     return entries

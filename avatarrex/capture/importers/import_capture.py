@@ -187,6 +187,7 @@ def calibration(lenses: Iterator[Lens] | tuple[Lens, ...]) -> dict[str, Any]:
             "imgSize": [lens.camera.width, lens.camera.height],
             "rectifyAlpha": 0.0,
             **({} if lens.fisheye is None else {"fisheye": True}),
+            **({} if set(lens.gain) == {1.0} else {"gain": list(lens.gain)}),
         }
         for lens in lenses
     }

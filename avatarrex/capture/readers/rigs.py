@@ -47,6 +47,8 @@ class View:
     name: str
     camera: Camera
     """An ideal pinhole: images come undistorted."""
+    gain: tuple[float, ...] = (1.0, 1.0, 1.0)
+    """What red, green and blue of its images were multiplied by, as the calibration says."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -276,7 +278,7 @@ def _rig(
         first = next((frame for frame in range(count) if (view, frame) not in missing), None)
         if first is not None:
             pictures.check_size(view, first)
-    views = tuple(View(lens.name, lens.camera) for lens in lenses)
+    views = tuple(View(lens.name, lens.camera, lens.gain) for lens in lenses)
     signals = values.signals(where.shape, where.pelvis, scale, archive.path.name)
     notes.extend(f"{name}: {note}" for note in values.notes)
     keypoints = read_keypoints(files, lenses, calibrated, count)
