@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from avatarrex.capture.fit.camera_gains import camera_gains, largest
-from avatarrex.capture.fit.matched_capture import every_camera, write_matched
+from avatarrex.capture.fit.camera_gains import largest
+from avatarrex.capture.fit.matched_capture import gains_of_all, write_matched
 from avatarrex.capture.fit.size_fit import fit_size
 from avatarrex.capture.readers.rigs import Rig, open_capture
 from avatarrex.capture.readers.splits import with_validation
@@ -32,7 +32,7 @@ def match_exposure(path: str, template: str, out: Path) -> int:
     after = with_validation(open_capture(out, template=template))
     after = replace(after.moved(sized.pelvis - after.pelvis), person=sized.person)
     for name, found in gains.items():
-        left = camera_gains(every_camera(after.rigs[name]), after.person)
+        left = gains_of_all(after.rigs[name], after.person)
         print("\n".join(table(sized.rigs[name], found, left)))
     print(out)
     return 0

@@ -53,7 +53,7 @@ ANEW = {
     "match": Anew(
         "match-exposure",
         "Match exposure",
-        "One exposure and white balance for all cameras of a rig, by the colours of the person; the pictures stay where they are.",
+        "One exposure and white balance for all cameras of a rig, by the colours of the person; pictures are linked, or copied from a zip.",
         "_matched",
     ),
 }

@@ -49,6 +49,8 @@ def test_light_is_what_the_capture_says_it_is(capture):
     assert light(said(capture)).startswith("the capture: fixed in the world"), "lamps stand still"
     assert "turns with the person" in light(said(capture, **DRAWN))
     assert "fixed in the world" in light(said(capture, **DRAWN, variation={"conditions": ["light", "noise"]}))
+    assert "matched" not in light(said(capture))
+    assert "cameras matched in exposure" in light(said(capture, matched="0123456789abcdef"))
     assert light_frame(said(capture)) == "world"
     assert light_frame(said(capture, **DRAWN)) == "root"
 

@@ -22,6 +22,7 @@ from avatarrex.avatar import Avatar
 from avatarrex.avatar_file import load_avatar
 from avatarrex.capture.importers.import_capture import import_capture
 from avatarrex.capture.readers.rigs import open_capture
+from avatarrex.capture.readers.splits import splits_of
 from avatarrex.counters import Counters
 from avatarrex.errors import InputError
 from avatarrex.ops.rotation import matrix_from_rotvec
@@ -348,6 +349,23 @@ def test_it_goes_on_from_an_avatar(capture, whole, tmp_path, monkeypatch):
     assert trainer.hidden == {"face"}, "nobody has trained it"
     with pytest.raises(InputError, match="--start: preset: expected compact, found paper"):
         Trainer(open_capture(capture), TINY, run, Avatar.create(known.person, "paper"))
+
+
+def test_a_part_that_is_not_trained_keeps_the_splits_it_was_trained_with(tmp_path):
+    """Its held-out frames are the test's; another split of its rig would call some of those held out that it has read."""
+    made = open_capture(TinyCapture.make().folder(tmp_path / "capture"))
+    known, said = Avatar.create(made.person, "compact", 0), splits_of(made)
+    run, _ = start(tmp_path / "capture", tmp_path / "run")
+    known.meta["training"] = {"capture_key": made.key, "splits": said}
+    with run:
+        assert Trainer(made, tiny_recipe.TINY, run, known)._provenance(0)["training"]["splits"] == said
+        kept = replace(made, rigs={name: rig.holding_out((2,), ()) for name, rig in made.rigs.items()})
+        with pytest.raises(
+            InputError, match=r"--start: splits: face: expected the face rig split as it was .* found test frames 2:3"
+        ):
+            Trainer(kept, tiny_recipe.TINY, run, known)
+        known.meta["training"]["capture_key"] = "another capture"
+        Trainer(kept, tiny_recipe.TINY, run, known)
 
 
 @pytest.mark.parametrize("learnt", [True, False])

@@ -6,7 +6,7 @@ Poses are full axis-angle with flat hands at zero, in metres. The person's size 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,7 @@ from avatarrex.capture.readers.linked import link
 from avatarrex.capture.readers.manifest import FORMAT
 from avatarrex.capture.readers.parameters import KEYS, LARGEST_BYTES
 from avatarrex.capture.readers.rigs import Capture
+from avatarrex.errors import InputError
 from avatarrex.files.images import write_arrays
 from avatarrex.files.json_text import write_json
 from avatarrex.signals.driving import Signals
@@ -34,18 +35,44 @@ def write_refined(
     capture: Capture, body: Body, signals: dict[str, tuple[Signals, ...]], said: dict[str, Any], out: Path
 ) -> None:
     """Into the folder `out`: `signals` by rig, `said` as `refined` of capture.json. Raises `InputError` for a file that is damaged."""
+
+    def write(rig: str, files: RigFiles, target: Path) -> None:
+        write_arrays(target, _parameters(capture, files, body, signals[rig]))
+
+    write_anew(capture, out, lambda files: files.parameters, write, {"refined": said})
+
+
+def write_anew(
+    capture: Capture,
+    out: Path,
+    file: Callable[[RigFiles], str],
+    write: Callable[[str, RigFiles, Path], None],
+    said: dict[str, Any],
+) -> None:
+    """The capture's files linked into the folder `out`, but for one of each rig, its `file`, which `write` makes of the rig's name and
+    files; `said` goes into capture.json. Raises `InputError` for a file that is damaged."""
     archive = Archive(capture.path)
     root, found = find_rigs(archive)
-    files = {name: found.get(name) or next(iter(found.values())) for name in capture.rigs}
-    new = {files[name].parameters: name for name in capture.rigs}
+    rigs = {name: found.get(name) or next(iter(found.values())) for name in capture.rigs}
+    new = {file(files): name for name, files in rigs.items()}
     for name in all_files(archive, root):
         target = out / name.removeprefix(f"{root}/" if root else "")
         if name in new:
-            rig = new[name]
-            write_arrays(target, _parameters(capture, files[rig], body, signals[rig]))
+            write(new[name], rigs[new[name]], target)
         elif target not in (out / WORK, out / "capture.json"):  # the former of the capture's own refinement
             link(archive, name, target)
-    write_json(out / "capture.json", {"format": FORMAT, **capture.manifest, "refined": said})
+    manifest = archive.place(f"{root}/capture.json".lstrip("/"))
+    write_read(out / "capture.json", {"format": FORMAT, **capture.manifest, **said}, manifest)
+
+
+def write_read(path: Path, data: object, source: str) -> None:
+    """JSON of what was read from `source`. Raises `InputError` for what JSON cannot say, NaN among it."""
+    try:
+        write_json(path, data)
+    except InputError:
+        raise
+    except ValueError as error:
+        raise InputError(source, "", "finite numbers, and texts that are UTF-8", error) from None
 
 
 def all_files(archive: Archive, folder: str) -> Iterator[str]:

@@ -34,7 +34,8 @@ LEAN_DEG, SHIFT = 4.0, 0.1
 COVERAGE = (0.002, 0.8)
 """Share of a picture that a matte covers: a person fills at most two thirds of a face's picture."""
 UNEVEN, LOOKED_AT = 0.06, 3
-"""How far a camera's brightness may be from the others': one exposure leaves up to 0.03, by gloss; and by how many frames it is read."""
+"""How far a camera's brightness may be from the others' (one exposure leaves up to 0.03 by gloss, 0.04 with noisy tracking), and by how many
+frames that is read."""
 MISSING = 0.5
 """Share of missing pictures from which a camera is doubtful."""
 

@@ -139,10 +139,15 @@ def _gain(entry: dict[str, Any], name: str, source: str) -> tuple[float, ...]:
     """One of each channel; 1 unless given."""
     if "gain" not in entry:
         return (1.0, 1.0, 1.0)
-    gain: list[float] = _numbers(entry, "gain", (3,), name, source).tolist()
-    within = all(1 / LARGEST_GAIN <= one <= LARGEST_GAIN for one in gain)
-    check(within, source, f"{name}.gain", f"[r, g, b], factors from {1 / LARGEST_GAIN:g} to {LARGEST_GAIN:g}", gain)
-    return tuple(gain)
+    return checked_gain(_numbers(entry, "gain", (3,), name, source), source, f"{name}.gain")
+
+
+def checked_gain(gain: np.ndarray, source: object, field: str) -> tuple[float, ...]:
+    """A camera's (3,). Raises `InputError` naming `field`."""
+    within = (gain >= 1 / LARGEST_GAIN) & (gain <= LARGEST_GAIN)
+    expected = f"[r, g, b], factors from {1 / LARGEST_GAIN:g} to {LARGEST_GAIN:g}"
+    check(bool(within.all()), source, field, expected, gain.tolist())
+    return tuple(gain.tolist())
 
 
 def _numbers(entry: dict[str, Any], key: str, shape: tuple[int | None], name: str, source: str) -> np.ndarray:

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from avatarrex.capture.fit.camera_gains import colour_sums
+from avatarrex.capture.fit.camera_gains import DARKEST, colour_sums, mean_of
 from avatarrex.capture.fit.check import template_surface
 from avatarrex.capture.readers.images_store import Pictures, times
 from avatarrex.capture.readers.rigs import Capture, Rig
@@ -23,8 +23,6 @@ from avatarrex.training.core.pixels import training_pairs
 
 PICTURES = 10
 """Of each rig, spread over frames and views."""
-DARKEST = 24.0
-"""Bytes: of darker means a ratio says little."""
 FEWEST = 100
 """Triangles that both rigs have to show; below, a training changes nothing."""
 LARGEST = 2.0
@@ -110,6 +108,4 @@ def _colours(rig: Rig, person: Person) -> Float[np.ndarray, "f 3"]:
     total = np.zeros((len(faces), 4))
     for frame, view in (pairs[k] for k in np.unique(np.linspace(0, len(pairs) - 1, PICTURES).round().astype(int))):
         total += colour_sums(rig, view, frame, template_surface(person, rig.signals[frame])[0], faces)
-    with np.errstate(invalid="ignore"):
-        mean: np.ndarray = total[:, :3] / total[:, 3:]
-    return mean
+    return mean_of(total)

@@ -57,7 +57,8 @@ def tracking(capture: Capture) -> str:
 def light(capture: Capture) -> str:
     """What light the pictures were taken in, as far as the capture says."""
     frame = {"world": WORLD, "root": PERSON}[light_frame(capture)]
-    return f"{'drawn' if drawn(capture) else 'the capture'}: {frame}; one light for all poses is learnt"
+    matched = "; cameras matched in exposure (capture match-exposure)" if "matched" in capture.manifest else ""
+    return f"{'drawn' if drawn(capture) else 'the capture'}: {frame}; one light for all poses is learnt{matched}"
 
 
 def of_the_template(capture: Capture) -> dict[str, str]:

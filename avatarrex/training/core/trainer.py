@@ -78,6 +78,7 @@ class Trainer:
         self.start = start
         self.avatar = self._untrained(light_frame(capture))
         if start is not None:
+            self._check_splits(start)
             self.avatar = self._untrained(start.light.frame, start.body.local_frame)
         known = "face" in self.parts or (start is not None and "face" not in start.hidden)
         self.hidden = frozenset() if known else frozenset({"face"})
@@ -96,6 +97,19 @@ class Trainer:
         Learnt once more beside the body alone it turned a face pink from where no camera was.
         """
         return self.start is not None and "face" not in self.parts and self.start.tone.learnt
+
+    def _check_splits(self, start: Avatar) -> None:
+        """Raise `InputError` where a rig that is not trained here was split otherwise when `start` was trained on this capture: what its
+        part has read would count as held out."""
+        before = start.meta.get("training")
+        if not isinstance(before, dict) or before.get("capture_key") != self.capture.key:
+            return
+        said = before.get("splits")
+        for rig, found in said.items() if isinstance(said, dict) else ():
+            if rig in self.splits and rig not in self.parts and found != self.splits[rig]:
+                test = self.splits[rig]["test"]["frames"] or "none"
+                expected = f"the {rig} rig split as it was when {start.meta.get('name', 'it')} was trained"
+                raise InputError("--start", f"splits: {rig}", expected, f"test frames {test}")
 
     def train(self) -> bool:
         """Go on from the run's last checkpoint to the end; False where it was stopped before."""
