@@ -58,7 +58,9 @@ def write_matched(capture: Capture, out: Path) -> dict[str, Float[np.ndarray, "k
     return gains
 
 
-def _calibration(files: RigFiles, place: str, rig: Rig, gains: Float[np.ndarray, "k 3"]) -> dict[str, object]:
+def _calibration(
+    files: RigFiles, place: str, rig: Rig, gains: Float[np.ndarray, "k 3"]
+) -> dict[str, dict[str, object]]:
     """That of the file, with what is found multiplied onto its gains; cameras that could not be compared stay as they are."""
     text = files.archive.text(files.calibration)
     before = {lens.name: lens.gain for lens in read_calibration(text, place)}
