@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from avatarrex.capture.fit.camera_gains import gains_of, seen_colours
-from avatarrex.capture.fit.refined_capture import write_anew, write_read
+from avatarrex.capture.fit.refined_capture import write_anew, rewrite_json
 from avatarrex.capture.readers.calibration import checked_gain, read_calibration
 from avatarrex.capture.readers.layout import RigFiles
 from avatarrex.capture.readers.rigs import Capture, Rig
@@ -31,7 +31,7 @@ def gains_of_all(rig: Rig, person: Person) -> Float[np.ndarray, "k 3"]:
     colours = seen_colours(sealed_rig(rig, Split(Splits.of(rig).train.frames, every)), person)
     before, gains = np.array([view.gain for view in rig.views]), np.full((len(every), 3), np.nan)
     gains[learnt] = gains_of(colours[learnt], before[learnt])
-    for view in set(every) - set(learnt):
+    for view in sorted(set(every) - set(learnt)):
         chosen = [*learnt, view]
         beside = gains_of(colours[chosen], before[chosen])
         known = np.isfinite(beside[:-1] * gains[learnt]).all(-1)
@@ -52,7 +52,7 @@ def write_matched(capture: Capture, out: Path) -> dict[str, Float[np.ndarray, "k
 
     def write(rig: str, files: RigFiles, target: Path) -> None:
         place = files.archive.place(files.calibration)
-        write_read(target, _calibration(files, place, capture.rigs[rig], gains[rig]), place)
+        rewrite_json(target, _calibration(files, place, capture.rigs[rig], gains[rig]), place)
 
     write_anew(capture, out, lambda files: files.calibration, write, {"matched": capture.key})
     return gains

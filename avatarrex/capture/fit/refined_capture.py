@@ -62,10 +62,10 @@ def write_anew(
         elif target not in (out / WORK, out / "capture.json"):  # the former of the capture's own refinement
             link(archive, name, target)
     manifest = archive.place(f"{root}/capture.json".lstrip("/"))
-    write_read(out / "capture.json", {"format": FORMAT, **capture.manifest, **said}, manifest)
+    rewrite_json(out / "capture.json", {"format": FORMAT, **capture.manifest, **said}, manifest)
 
 
-def write_read(path: Path, data: object, source: str) -> None:
+def rewrite_json(path: Path, data: object, source: str) -> None:
     """JSON of what was read from `source`. Raises `InputError` for what JSON cannot say, NaN among it."""
     try:
         write_json(path, data)

@@ -26,18 +26,18 @@ def prior(avatar: Avatar, recipe: Recipe, parts: tuple[str, ...], start: Avatar 
     """By part of the packaged prior what it cost, only of parts that the training began with; one that went on has that of its start.
     Empty: nothing was known before."""
     if start is not None:
-        return _said(start.meta.get("training"))
+        return _recorded_prior(start.meta.get("training"))
     about = read_prior(PRIOR)[1]
     begun = [part for part in parts if (one := getattr(recipe, part)[0]).warm_steps and one.prior]
     return {name: about[name] for part in begun for name in PARTS[part] if prior_of(avatar, name) is not None}
 
 
-def _said(training: object) -> dict[str, str]:
+def _recorded_prior(training: object) -> dict[str, str]:
     """The prior of an avatar's `training`. One that went on said none until 2026-11-29: it has that of the start before."""
     if not isinstance(training, dict):
         return {"start": "it does not say"}
     if "start" in training and not training.get("prior"):
-        return _said(training["start"])
+        return _recorded_prior(training["start"])
     known = training.get("prior")
     return known if isinstance(known, dict) else {"start": "it does not say"}
 
