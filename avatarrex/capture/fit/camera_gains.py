@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from avatarrex.capture.fit.check import shown_frames, template_surface
+from avatarrex.capture.fit.photo import OPAQUE
 from avatarrex.capture.readers.rigs import Rig
 from avatarrex.capture.readers.splits import Splits
 from avatarrex.capture.zbuffer import visible_faces
@@ -24,8 +25,6 @@ from avatarrex.templates.person import Person
 
 FRAMES = 6
 """Of the training's, spread."""
-OPAQUE = 250
-"""Matte byte from which a pixel has the person's colour alone."""
 DARKEST, BRIGHTEST = 24.0, 250.0
 """Bytes as they were taken: the ratio of darker means says little, brighter ones are cut off."""
 FEWEST = 100

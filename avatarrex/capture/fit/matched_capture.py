@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from avatarrex.capture.fit.camera_gains import gains_of, seen_colours
-from avatarrex.capture.fit.refined_capture import write_anew, rewrite_json
+from avatarrex.capture.fit.refined_capture import rewrite_json, write_anew
 from avatarrex.capture.readers.calibration import checked_gain, read_calibration
 from avatarrex.capture.readers.layout import RigFiles
 from avatarrex.capture.readers.rigs import Capture, Rig
