@@ -26,7 +26,7 @@ def shown(studio: Studio) -> list[str]:
     picture, live = studio.pictures.picture, studio.live
     items = []
     if studio.moving and studio.surface is not None and live is not None:
-        items.append(f"{hello_imgui.frame_rate():.0f} pictures a second")
+        items.append(f"{hello_imgui.frame_rate():.0f} fps")
     elif picture is not None:
         height, width = picture.image.shape[:2]
         items += [f"{picture.work.level}, {width} × {height}", condition(studio)]
