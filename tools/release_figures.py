@@ -2,7 +2,7 @@
 
     python tools/release_figures.py WORK [--only NAMES] [--write]
 
-WORK has person_f001.zip and person_m002.zip; `other` is made there. Commands that were done are not done again, a capture or a training
+WORK has person_f001.zip and person_m002.zip; `other` and `loose` are made there. Commands that were done are not done again, a capture or a training
 that was ended goes on. `--write` puts the figures into docs/figures/ and their tables into docs/results.md, between the marks of a
 subject.
 """
@@ -59,6 +59,12 @@ SUBJECTS = {
         face_alone="--exposed-as body --frames 24:32:4,64:72:4",
         made="--size small --subject other --conditions all",
         regions="--exposed-as body",
+    ),
+    "loose": Subject(
+        "loose",
+        face="--frames 24:32:2,64:72:2",
+        face_alone="--frames 24:32:4,64:72:4",
+        made="--size small --garment loose --seed 0",
     ),
 }
 
