@@ -2,9 +2,9 @@
 
     python tools/release_figures.py WORK [--only NAMES] [--write]
 
-WORK has person_f001.zip and person_m002.zip; `other` and `loose` are made there. Commands that were done are not done again, a capture or a training
-that was ended goes on. `--write` puts the figures into docs/figures/ and their tables into docs/results.md, between the marks of a
-subject.
+WORK has person_f001.zip and person_m002.zip; `other` and `loose` are made there. Commands that were done are not done again, a capture
+or a training that was ended goes on. `--write` puts the figures into docs/figures/ and their tables into docs/results.md, between the
+marks of a subject.
 """
 
 from __future__ import annotations

@@ -106,6 +106,8 @@ def own_training(avatar: Avatar, source: str | Path, capture: Capture) -> OwnTra
     config = about.get("config") if isinstance(about, dict) else None
     if not isinstance(config, dict) or not isinstance(config.get("capture"), str):
         return None
+    if "variant" in config:  # a study's, of before its avatars said it: what was held out is not there by rig
+        return None
     same = Path(config["capture"]).resolve() == Path(capture.path).resolve()
     return _read(config, f"{run}: config") if same else None
 

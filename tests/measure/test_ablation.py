@@ -30,6 +30,7 @@ from avatarrex.measure.ablation.variants import QUESTIONS, VARIANTS, chosen_vari
 from avatarrex.measure.bench.contest import Times
 from avatarrex.measure.volume_drawer import VolumeDrawer
 from avatarrex.metrics.drawing import AvatarDrawer
+from avatarrex.metrics.own_training import own_training
 from avatarrex.metrics.perceptual import Perceptual
 from avatarrex.pipeline import render_frame
 from avatarrex.settings import RenderSettings
@@ -215,6 +216,10 @@ def test_a_study_of_the_body_is_complete_and_not_done_twice(capture, tmp_path, m
     for name in ("full", "volume-test-time"):
         assert values[name]["file_mib"] == [file.stat().st_size / 2**20]
     assert all("file_mib" not in row.values for row in found[:4])
+    kept = own_training(load_avatar(file), file, capture)
+    assert kept is not None, "evaluate takes the study's splits"
+    assert kept.applied(capture, capture.person).rigs["body"].held_out_frames == capture.rigs["body"].held_out_frames
+    assert np.array_equal(kept.pelvis, capture.pelvis)
     expected = values["full"]["psnr_matte"][0] - values["no-pass-two"]["psnr_matte"][0]
     assert given["pass II against as many steps of pass I"]["psnr_matte"] == pytest.approx([expected])
     text = table(study, found)

@@ -91,6 +91,9 @@ def test_an_avatar_of_before_is_known_by_its_run(
     assert found.applied(capture, fitted.person).rigs["body"].validation_frames == {1}
     (tmp_path / "run" / "run.json").write_text(json.dumps({"config": {**config, "capture": "/elsewhere"}}))
     assert own_training(fitted, saved, capture) is None
+    study = {"capture": str(folder), "variant": "full", "held_out": BEFORE["body"]}
+    (tmp_path / "run" / "run.json").write_text(json.dumps({"config": study}))
+    assert own_training(fitted, saved, capture) is None, "frames and views of a study, of no rig"
 
 
 @pytest.mark.parametrize(

@@ -172,7 +172,7 @@ class Study:
         """What a run says of itself."""
         config = {
             "part": self.part, "preset": variant.name, "capture": str(self.capture.path), "seed": seed, "variant": variant.name,
-            "held_out": self.about["held_out"],
+            "held_out": self.about["held_out"], "capture_key": self.capture.key, "pelvis": self.capture.pelvis.tolist(),
         }  # fmt: skip
         if variant.rival:
             return config

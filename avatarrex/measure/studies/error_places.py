@@ -1,15 +1,16 @@
-"""Where does the squared error of pictures lie that no training saw, and how much more of it is there from cameras that were held out?
+"""Where inside the matte does the squared error of pictures lie that no training saw, and how much do held-out cameras add to it?
 
-Inside the matte, of the avatar beside the textured meshes that are fitted to the same mattes: where nothing is drawn (missing), at
-the rim of the matte, and farther inside. Mean squared errors add up over these places, decibels do not: of two subjects that gain the
-same error, the better one loses more decibels. Letters: h w pixels.
+Pictures of the body rig, of the frames that the avatar's training kept for the test, beside the fitted textured meshes. Each pixel of
+a matte has one place: not covered (coverage below a half), at the rim (drawn, near the matte's outline), or inside. Squared errors
+(sRGB from 0 to 1, mean of three channels) are summed over pictures and divided by all pixels of the mattes, so that those of the
+places add up. Decibels do not: of two subjects whose squared error grows alike, the better one loses more decibels. Held-out cameras
+look from other sides: what they add to a mesh's error is what to compare with. Letters: h w pixels.
 """
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -17,7 +18,6 @@ from scipy.ndimage import distance_transform_edt
 from tqdm import tqdm
 
 from avatarrex.avatar_file import load_avatar
-from avatarrex.capture.readers.choice import held_out
 from avatarrex.capture.readers.rigs import Rig, open_capture
 from avatarrex.capture.readers.splits import with_validation
 from avatarrex.errors import check
@@ -30,81 +30,88 @@ from avatarrex.metrics.table import printed
 
 RIM = 3
 """Pixels from the nearest one outside the matte up to which a pixel is at the rim."""
-PLACES = ("missing", "rim", "inside")
-SPLITS = ("held-out pose", "held-out both")
+PLACES = ("not covered", "rim", "inside")
+POSE, BOTH = "held-out pose", "held-out both"
 Errors = dict[str, dict[str, dict[str, float]]]
-"""By split and subject: the mean squared error of each place per pixel of the matte, their `sum`, and how many pictures."""
+"""By split and subject: the squared error of each place per pixel of the mattes, and their `sum`."""
 
 
-def places(covered: Bool[np.ndarray, "h w"], matte: Bool[np.ndarray, "h w"]) -> dict[str, Bool[np.ndarray, "h w"]]:
-    """The pixels of a matte by `PLACES`; `covered`: where the subject is drawn."""
+def places(coverage: Float[np.ndarray, "h w"], matte: Bool[np.ndarray, "h w"]) -> dict[str, Bool[np.ndarray, "h w"]]:
+    """The pixels of a matte by `PLACES`; `coverage`: of the drawn subject, 0 to 1."""
     rim = distance_transform_edt(np.pad(matte, 1))[1:-1, 1:-1] <= RIM
-    drawn = matte & covered
-    return {"missing": matte & ~covered, "rim": drawn & rim, "inside": drawn & ~rim}
+    drawn = matte & (coverage >= 0.5)
+    return dict(zip(PLACES, (matte & ~drawn, drawn & rim, drawn & ~rim)))
 
 
 def squared_errors(drawing: Drawing, truth: Truth) -> Float[np.ndarray, " 4"]:
-    """Sums over the three channels' mean of a picture, by `PLACES`; the last is the number of the matte's pixels."""
-    matte, covered = truth.matte.numpy() >= 0.5, drawing.image[..., 3].numpy() >= 0.5
+    """The summed squared error by `PLACES`, and the number of the matte's pixels."""
+    matte = truth.matte.numpy() >= 0.5
     error = np.square(drawing.image[..., :3].double().clamp(0, 1).numpy() - truth.image.double().numpy()).mean(-1)
-    return np.array([*(error[where].sum() for where in places(covered, matte).values()), matte.sum()])
+    where = places(drawing.image[..., 3].numpy(), matte).values()
+    return np.array([*(error[pixels].sum() for pixels in where), matte.sum()])
+
+
+def held_out_pictures(rig: Rig) -> list[tuple[int, int]]:
+    """View and frame of those of held-out frames. Raises `InputError` where none was held out, or no camera was trained on."""
+    pairs = [(v, f) for f in sorted(rig.held_out_frames) for v in range(len(rig.views)) if rig.available(v, f)]
+    check(pairs, rig.name, "", "pictures of held-out frames", "none")
+    check(len(rig.held_out_views) < len(rig.views), rig.name, "", "cameras that were trained on", "none")
+    return pairs
 
 
 def errors(rig: Rig, drawers: Sequence[Drawer]) -> Errors:
-    """Of every picture of held-out frames. Raises `InputError` where there is none."""
-    pairs = [(f, v) for f in sorted(rig.held_out_frames) for v in range(len(rig.views)) if rig.available(v, f)]
-    check(pairs, rig.name, "", "pictures of held-out frames", "none")
+    """Of every picture of held-out frames. Raises `InputError` where there is none, or all their mattes are empty."""
     found: dict[str, dict[str, list[np.ndarray]]] = {}
-    for frame, view in tqdm(pairs, unit="picture"):
+    for view, frame in tqdm(held_out_pictures(rig), unit="picture"):
         camera, signals = rig.views[view].camera, rig.signals[frame]
         truth = captured(rig, view, frame, camera)
         of_split = found.setdefault(split_of(rig, view, frame), {})
         for drawer in drawers:
             of_split.setdefault(drawer.name, []).append(squared_errors(drawer.draw(signals, camera), truth))
-    return {split: {name: _means(rows) for name, rows in named.items()} for split, named in found.items()}
+    return {
+        split: {name: _per_pixel(rig, np.sum(rows, 0).tolist()) for name, rows in found[split].items()}
+        for split in (POSE, BOTH)
+        if split in found
+    }
 
 
-def _means(rows: list[np.ndarray]) -> dict[str, float]:
-    *summed, pixels = np.sum(rows, 0).tolist()
-    by_place = {place: value / max(pixels, 1) for place, value in zip(PLACES, summed)}
-    return {**by_place, "sum": sum(by_place.values()), "pictures": len(rows)}
+def _per_pixel(rig: Rig, summed: list[float]) -> dict[str, float]:
+    *of_places, pixels = summed
+    check(pixels, rig.name, "", "mattes that are not empty", "none")
+    by_place = {place: value / pixels for place, value in zip(PLACES, of_places)}
+    return {**by_place, "sum": sum(by_place.values())}
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Of whom, against what."""
     parser.add_argument("avatar", help="name, folder or .avatar file")
-    parser.add_argument("capture", help="a folder or .zip")
-    parser.add_argument("--rig", choices=("body", "face"), default="body")
-    whole = "instead of those of the avatar's training"
-    parser.add_argument("--held-out-frames", metavar="A:B:S", help=f"frames that were not trained on, {whole}")
-    parser.add_argument("--held-out-views", metavar="NAMES", help=f"cameras that were not trained on, {whole}")
+    parser.add_argument("capture", help="a folder or .zip, which the avatar was trained on")
     parser.add_argument("--json", metavar="FILE.json")
 
 
 def run(options: argparse.Namespace) -> None:
-    """Measure and print. Raises `InputError` for a capture without the rig or without held-out frames."""
+    """Measure and print. Raises `InputError` for a capture that the avatar was not trained on, or without such pictures."""
     avatar = load_avatar(options.avatar)
     whole = with_validation(open_capture(options.capture, template=avatar.person.name))
     capture, own = as_trained(avatar, options.avatar, whole)
-    check(options.rig in capture.rigs, options.capture, "", f"a {options.rig} rig", ", ".join(capture.rigs))
-    rig = held_out(capture.rigs[options.rig], options.held_out_frames, options.held_out_views)
-    capture = replace(capture, rigs={**capture.rigs, options.rig: rig})
-    person = avatar.person if own else capture.person
-    found = errors(rig, [AvatarDrawer(avatar), *fitted_meshes(capture, person, list(observations(rig)))])
+    check(own, options.capture, "", f"the capture that {options.avatar} was trained on", "another one")
+    check("body" in capture.rigs, options.capture, "", "a body rig", ", ".join(capture.rigs))
+    rig = capture.rigs["body"]
+    held_out_pictures(rig)
+    found = errors(rig, [AvatarDrawer(avatar), *fitted_meshes(capture, avatar.person, list(observations(rig)))])
     _print(found)
     if options.json:
-        told = {"avatar": options.avatar, "capture": options.capture, "rig": options.rig, "rim_pixels": RIM}
-        write_json(options.json, {**told, "mean_squared_error": found})
+        told = {"avatar": options.avatar, "capture": options.capture, "rim_pixels": RIM}
+        write_json(options.json, {**told, "squared_error_per_pixel": found})
 
 
 def _print(found: Errors) -> None:
-    row = printed("mean squared error × 10⁴".ljust(42), "pictures", *PLACES, "sum")
+    row = printed("squared error × 10⁴".ljust(50), *PLACES, "sum")
     for split, by_subject in found.items():
         for name, values in by_subject.items():
-            shown = (f"{1e4 * values[key]:.1f}" for key in (*PLACES, "sum"))
-            row(f"{split}: {name}", int(values["pictures"]), *shown)
-    if len(found) < 2:
+            row(f"{split}: {name}", *(f"{1e4 * value:.1f}" for value in values.values()))
+    if BOTH not in found:
         return
-    for name, values in found[SPLITS[0]].items():
-        more = (f"{1e4 * (found[SPLITS[1]][name][key] - values[key]):+.1f}" for key in (*PLACES, "sum"))
-        row(f"more from held-out cameras: {name}", "", *more)
+    for name, values in found[POSE].items():
+        more = (f"{1e4 * (found[BOTH][name][key] - value):+.1f}" for key, value in values.items())
+        row(f"added by held-out cameras: {name}", *more)
