@@ -24,7 +24,7 @@ TOOLS = {
     "bent-joints": ("studies.bent_joints", "whether sharply bent joints have holes"),
     "ceiling": ("studies.ceiling", "how far a capture's own meshes, painted from the training's pictures, would come"),
     "face-regions": ("studies.face_regions", "eyes, mouth and face of an avatar and of the fitted mesh against a capture's"),
-    "error-places": ("studies.error_places", "where an avatar's squared error lies, and what cameras that were held out add"),
+    "error-places": ("studies.error_places", "where inside the matte an avatar's squared error lies, and what held-out cameras add"),
     "sensor-noise": ("studies.sensor_noise", "what a perfect render would reach against noisy pictures"),
     "drag": ("studies.drag", "voxels and tolerance of a dragged limb: error against time"),
     "local-frames": ("studies.local_frames", "error and cost of every local frame"),
