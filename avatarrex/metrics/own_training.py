@@ -106,7 +106,7 @@ def own_training(avatar: Avatar, source: str | Path, capture: Capture) -> OwnTra
     config = about.get("config") if isinstance(about, dict) else None
     if not isinstance(config, dict) or not isinstance(config.get("capture"), str):
         return None
-    if "variant" in config:  # a study's, of before its avatars said it: what was held out is not there by rig
+    if "variant" in config:  # a study of before its avatars had the capture's key: its `held_out` is not by rig
         return None
     same = Path(config["capture"]).resolve() == Path(capture.path).resolve()
     return _read(config, f"{run}: config") if same else None

@@ -52,7 +52,7 @@ def squared_errors(drawing: Drawing, truth: Truth) -> Float[np.ndarray, " 4"]:
 
 
 def held_out_pictures(rig: Rig) -> list[tuple[int, int]]:
-    """View and frame of those of held-out frames. Raises `InputError` where none was held out, or no camera was trained on."""
+    """View and frame of each picture of held-out frames. Raises `InputError` where none was held out, or no camera was trained on."""
     pairs = [(v, f) for f in sorted(rig.held_out_frames) for v in range(len(rig.views)) if rig.available(v, f)]
     check(pairs, rig.name, "", "pictures of held-out frames", "none")
     check(len(rig.held_out_views) < len(rig.views), rig.name, "", "cameras that were trained on", "none")
@@ -97,7 +97,7 @@ def run(options: argparse.Namespace) -> None:
     check(own, options.capture, "", f"the capture that {options.avatar} was trained on", "another one")
     check("body" in capture.rigs, options.capture, "", "a body rig", ", ".join(capture.rigs))
     rig = capture.rigs["body"]
-    held_out_pictures(rig)
+    held_out_pictures(rig)  # refuses before minutes of fitting
     found = errors(rig, [AvatarDrawer(avatar), *fitted_meshes(capture, avatar.person, list(observations(rig)))])
     _print(found)
     if options.json:
