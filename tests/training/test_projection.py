@@ -231,8 +231,8 @@ def test_a_light_is_found_from_its_own_rig(store: FrameStore, monkeypatch: pytes
     finally:
         store.avatar.body.detail = kept
         store.avatar.light.harmonics.detach().copy_(before)
-    assert counts[0] == min(len(store.pairs), projection.PICTURES)
-    assert counts[1] == min(len(store.pairs), projection.PICTURES // 2)
+    assert counts[0] == min(len(store.pairs), projection.PICTURES["body"])
+    assert counts[1] == min(len(store.pairs), projection.PICTURES["body"] // 2)
 
 
 def test_the_networks_begin_at_nothing(painted: Avatar) -> None:

@@ -265,7 +265,7 @@ def photographs(capture: Capture, meshes: dict[str, TrueMeshes], name: str) -> I
     for rig in (own, *(exposed_as(rig, own, capture.person) for rig in known.values() if rig is not own)):
         if rig.name not in meshes:
             continue
-        for frame, view in spread(training_pairs(rig), PICTURES // len(known)):
+        for frame, view in spread(training_pairs(rig), PICTURES["body"] // len(known)):
             hit, shown = meshes[rig.name].seen(rig.signals[frame], rig.views[view].camera)
             gaze = shown.position - shown.camera.centre
             facing = -(gaze * shown.normal).sum(1) / np.linalg.norm(gaze, axis=1)

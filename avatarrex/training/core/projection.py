@@ -42,8 +42,11 @@ from avatarrex.training.core.silhouette import Silhouette
 from avatarrex.training.core.supervision import hidden_at_rest
 from avatarrex.training.core.trained_field import FACE
 
-PICTURES = 120
-"""Projected at most, spread over frames and views: a texel on the side of the body is then seen by thirty."""
+PICTURES = {"body": 360, "face": 120}
+"""Projected at most, spread over frames and views. A body's surface is registered to them: with three times as many it is nearer to the
+true one (docs/training.md)."""
+EACH = 50_000
+"""Pixels of a picture at most, drawn by chance: 360 pictures of many megapixels have to fit into memory."""
 FACING = 0.3
 """Cosine from which a pixel is believed."""
 OPAQUE = 250 / 255
@@ -84,7 +87,7 @@ def start_from_pictures(
         field.add_detail(spacing)
     assert field.detail is not None
     stores = [store] if store.close is None else [store, store.close]
-    chosen = [(one, one.pairs[k]) for one in stores for k in _spread(len(one.pairs), PICTURES // len(stores))]
+    chosen = [(one, one.pairs[k]) for one in stores for k in _spread(len(one.pairs), PICTURES[part] // len(stores))]
     detail, where = field.detail, f"{store.rig.name} rig"
     sheet = field.sheets.of_texels(detail.edge) if isinstance(field, FaceField) and field.sheets else None
 
@@ -161,10 +164,19 @@ class Picture:
         facing = -(gaze * seen.normal).sum(-1)
         own = seen.part_weight[..., FACE] > 0 if part == "face" else self.body_alone
         counts = (seen.coverage >= 1) & own & (facing > FACING) & (self.matte >= OPAQUE)
-        parallax = -gaze[counts] / facing[counts, None]
-        place, colour, weight = seen.position[counts], self.colour[counts], facing[counts].square()
+        chosen = self._some(counts)
+        parallax = -gaze[chosen] / facing[chosen][:, None]
+        place, colour, weight = seen.position[chosen], self.colour[chosen], facing[chosen].square()
         posed, turn, samples = self.frame.posed, self.frame.world_from_root, volume.body_frame.samples
         return Sighting(posed, turn, samples, volume.states, place, colour, weight, parallax)
+
+    def _some(self, counts: Bool[Tensor, "h w"]) -> tuple[Tensor, ...]:
+        """Rows and columns of at most `EACH` of the pixels that count; the same each time."""
+        found = torch.nonzero(counts)
+        if len(found) > EACH:
+            chance = torch.Generator().manual_seed(self.frame.index)
+            found = found[torch.randperm(len(found), generator=chance)[:EACH].sort().values]
+        return found.unbind(1)
 
     def silhouette(self) -> Silhouette:
         """The body's."""

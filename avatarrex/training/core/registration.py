@@ -31,13 +31,13 @@ from avatarrex.training.core.silhouette import Silhouette
 
 SLOPES = (0.008, 0.008, 0.008, 0.005, 0.005, 0.003, 0.003, 0.002, 0.002)
 """Metres between which the texels' slopes are taken, round by round."""
-PIXELS = 250_000
+PIXELS = 600_000
 """Of all pictures, drawn by chance."""
 STRAY = 0.1
 """Difference in sRGB at which a pixel's weight has fallen to a quarter."""
-STILL, LEVEL = 3.0, 0.3
+STILL, LEVEL = 3.0, 10.0
 """μ and ν: sRGB per metre, squared."""
-SMOOTH = 3.0
+SMOOTH = 30.0
 """λ for each pixel that a sample has: sRGB per metre, squared."""
 BESIDE = 6
 """Neighbours of a sample that rise as it does."""
