@@ -235,6 +235,21 @@ def test_a_light_is_found_from_its_own_rig(store: FrameStore, monkeypatch: pytes
     assert counts[1] == min(len(store.pairs), projection.PICTURES["body"] // 2)
 
 
+def test_a_large_picture_gives_some_of_its_pixels(store: FrameStore, monkeypatch: pytest.MonkeyPatch) -> None:
+    """By chance and the same each time, each with its own colour, weight and parallax."""
+    picture = Picture.of(store, *store.pairs[0])
+    whole = picture.sighting("body")
+    monkeypatch.setattr(projection, "EACH", 200)
+    some, again = (picture.sighting("body") for _ in range(2))
+    assert len(some.position) == 200
+    assert len(whole.position) > 400
+    assert torch.equal(some.position, again.position)
+    rows = (whole.position == some.position[:, None]).all(-1).nonzero()[:, 1]
+    for name in ("colour", "weight", "parallax"):
+        assert torch.equal(getattr(whole, name)[rows], getattr(some, name)), name
+    assert (some.position.std(0) / whole.position.std(0) - 1).abs().max() < 0.2, "of the whole person"
+
+
 def test_the_networks_begin_at_nothing(painted: Avatar) -> None:
     assert all(not parameter.any() for parameter in painted.body.colour_blend[-1].parameters())
 
