@@ -59,8 +59,10 @@ def test_what_is_the_templates_is_named(capture):
     drawn = said(capture, **DRAWN)
     own = replace(drawn, person=replace(drawn.person, fit=None))
     assert "the drawn person's own" in of_the_template(own)["hands"]
+    assert "the drawn person's own: 95 %" in of_the_template(own)["face"]
     other = replace(own, manifest={**DRAWN, "variation": {"subject": "other"}})
     assert "own" not in of_the_template(other)["hands"]
+    assert "%" not in of_the_template(other)["face"]
     skin = SurfaceOffsets(tuple(range(8)), np.zeros((8, 3)))
     fitted = replace(own, person=replace(own.person, fit=PersonFit(np.zeros(10), np.zeros((55, 3)), skin)))
     assert "fitted to the mattes" in of_the_template(fitted)["body"]

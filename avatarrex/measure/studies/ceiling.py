@@ -2,7 +2,7 @@
 
 An avatar that knew the surface of every frame, and which point of the person each point of it is, but whose colours stay
 the same in every pose: what it cannot reach is not to be had from better geometry. Texels are as far apart as an avatar's and
-have the same robust mean of the same pictures (training/core/projection.py); of test frames only the meshes are read, to draw.
+have the same robust mean (training/core/projection.py) of 120 pictures; of test frames only the meshes are read, to draw.
 
 | subject | surface | colours |
 |---|---|---|
@@ -59,7 +59,7 @@ from avatarrex.signals.driving import Signals
 from avatarrex.templates.person import Person
 from avatarrex.training.core.exposure import exposed_as
 from avatarrex.training.core.pixels import training_pairs
-from avatarrex.training.core.projection import FACING, OPAQUE, PICTURES, Projected, paint
+from avatarrex.training.core.projection import FACING, OPAQUE, Projected, paint
 from avatarrex.volume.body_grid import BOX_MARGIN, lattice_around
 from avatarrex.volume.bricks import Bricks, grow_bricks
 from avatarrex.volume.narrow_band import crossed
@@ -69,6 +69,8 @@ SPACING = {"body": 0.002, "face": 0.001}
 """Metres between texels, as recipes have it."""
 NEAR_PARTS = 0.025
 """Metres about the template's hands and face in which they have their finer voxels."""
+PICTURES = 120
+"""That are painted at most, whole."""
 SHEET = 6
 """Pictures on a contact sheet."""
 
@@ -265,7 +267,7 @@ def photographs(capture: Capture, meshes: dict[str, TrueMeshes], name: str) -> I
     for rig in (own, *(exposed_as(rig, own, capture.person) for rig in known.values() if rig is not own)):
         if rig.name not in meshes:
             continue
-        for frame, view in spread(training_pairs(rig), PICTURES["body"] // len(known)):
+        for frame, view in spread(training_pairs(rig), PICTURES // len(known)):
             hit, shown = meshes[rig.name].seen(rig.signals[frame], rig.views[view].camera)
             gaze = shown.position - shown.camera.centre
             facing = -(gaze * shown.normal).sum(1) / np.linalg.norm(gaze, axis=1)

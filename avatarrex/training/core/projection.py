@@ -1,9 +1,9 @@
 """Where the mesh ends: the static detail of body and face from the training pictures, as the colour that pass II starts with. Ours.
 
 Every chosen picture is projected onto the surface that the geometry has by now (the renderer's own volume and raycast: what is
-hidden is not painted). A pixel counts where the body alone is drawn and the matte is opaque, by the square of the cosine at which
-it is seen: towards the outline it covers more, and errors of pose and cameras shift it most. The light E(n) is found from
-the part's own rig (`fields/light_fit.py`). A colour, with the light divided out, goes to the three texels around; a texel has the
+hidden is not painted), of a large one some of its pixels. A pixel counts where the body alone is drawn and the matte is opaque, by
+the square of the cosine at which it is seen: towards the outline it covers more, and errors of pose and cameras shift it most.
+The light E(n) is found from the part's own rig (`fields/light_fit.py`). A colour, with the light divided out, goes to the three texels around; a texel has the
 weighted mean, then twice that of what is near its last mean (Geman–McClure), so that what moved over it, a shadow or another
 limb, does not count. A texel never seen has the colour of the nearest seen one at rest.
 
@@ -43,10 +43,11 @@ from avatarrex.training.core.supervision import hidden_at_rest
 from avatarrex.training.core.trained_field import FACE
 
 PICTURES = {"body": 360, "face": 120}
-"""Projected at most, spread over frames and views. A body's surface is registered to them: with three times as many it is nearer to the
-true one (docs/training.md)."""
+"""Projected at most, spread over frames and views; of two rigs half each. A body's surface is registered to them: with three times as
+many it is nearer to the true one (docs/training.md)."""
 EACH = 50_000
-"""Pixels of a picture at most, drawn by chance: 360 pictures of many megapixels have to fit into memory."""
+"""Pixels of a picture at most, drawn by chance, for registration and painting: all pictures are in memory at once, and 360 of fifty
+thousand pixels are more than a dozen for each texel of 2 mm."""
 FACING = 0.3
 """Cosine from which a pixel is believed."""
 OPAQUE = 250 / 255
@@ -95,9 +96,7 @@ def start_from_pictures(
         paint(detail, [project(avatar, one, part) for one in sightings], where, 0)
 
     if part == "body" and (slides or rises):
-        pictures = (Picture.of(one, *pair) for one, pair in chosen)
-        sightings, silhouettes = zip(*((one.sighting(part), one.silhouette()) for one in pictures))
-        register(avatar, sightings, silhouettes, painted, slides, rises)
+        register(avatar, *_seen(chosen), painted, slides, rises)
         store.renew(store.age + 1)
     seen = [lit_pixels(avatar, Picture.of(one, *pair).sighting(part), part) for one, pair in chosen]
     own = [pixels for (one, _), pixels in zip(chosen, seen) if one is store]  # another rig stands in another light
@@ -108,6 +107,13 @@ def start_from_pictures(
     last = field.colour_net.mlp[-1] if isinstance(field, FaceField) else field.colour_blend[-1]
     for parameter in last.parameters():
         parameter.zero_()
+
+
+def _seen(chosen: Sequence[tuple[FrameStore, tuple[int, int]]]) -> tuple[list[Sighting], list[Silhouette]]:
+    """What pictures (frame and view of a store) show of the body."""
+    pictures = (Picture.of(store, *pair) for store, pair in chosen)
+    sightings, silhouettes = zip(*((one.sighting("body"), one.silhouette()) for one in pictures))
+    return list(sightings), list(silhouettes)
 
 
 def seen_and_behind_lips(avatar: Avatar) -> tuple[Bool[Tensor, " f"], Bool[Tensor, " f"]]:
@@ -157,7 +163,7 @@ class Picture:
         return self.seen.part_weight.sum(-1) < ALONE
 
     def sighting(self, part: str) -> Sighting:
-        """Its pixels of `body` or `face`."""
+        """Its pixels of `body` or `face`, at most `EACH`."""
         seen, volume = self.seen, self.frame.volume
         eye = torch.as_tensor(self.camera.centre).to(seen.position)
         gaze = torch.nn.functional.normalize(seen.position - eye, dim=-1)

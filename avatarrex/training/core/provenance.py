@@ -20,6 +20,8 @@ from avatarrex.training.recipe import Recipe
 WORLD, PERSON = "fixed in the world", "turns with the person"
 PARTS = {"body": ("body",), "face": ("face", "face_colour")}
 """Parts of the prior by trained part."""
+SHARED = "95 % of its vertices at rest (weight above 0.5)"
+"""Of the face's template the drawn person's: tests/capture/test_subject.py."""
 
 
 def prior(avatar: Avatar, recipe: Recipe, parts: tuple[str, ...], start: Avatar | None) -> dict[str, str]:
@@ -72,10 +74,11 @@ def of_the_template(capture: Capture) -> dict[str, str]:
     own = "the template, which is the drawn person's own" if same else "the template"
     skin = "" if fit is None or fit.surface is None else ", its skin fitted to the mattes"
     face = "" if fit is None or fit.face is None else ", fitted to the face rig's pictures"
+    shared = f": {SHARED}" if same else ""
     return {
         "body": f"joints, skinning weights and nodes of {own}{skin}",
         "hands": f"all: meshes of {own}{skin}, by exact signed distance",
-        "face": f"morph targets, which carry the tri-planes, of {own}{face}",
+        "face": f"morph targets, which carry the tri-planes, of {own}{face}{shared}",
     }
 
 
