@@ -35,9 +35,9 @@ PIXELS = 600_000
 """Of all pictures, drawn by chance."""
 STRAY = 0.1
 """Difference in sRGB at which a pixel's weight has fallen to a quarter."""
-STILL, LEVEL = 3.0, 10.0
+STILL, LEVEL = 3.0, 0.3
 """μ and ν: sRGB per metre, squared."""
-SMOOTH = 30.0
+SMOOTH = 3.0
 """λ for each pixel that a sample has: sRGB per metre, squared."""
 BESIDE = 6
 """Neighbours of a sample that rise as it does."""
