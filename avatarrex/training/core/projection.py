@@ -3,9 +3,9 @@
 Every chosen picture is projected onto the surface that the geometry has by now (the renderer's own volume and raycast: what is
 hidden is not painted), of a large one some of its pixels. A pixel counts where the body alone is drawn and the matte is opaque, by
 the square of the cosine at which it is seen: towards the outline it covers more, and errors of pose and cameras shift it most.
-The light E(n) is found from the part's own rig (`fields/light_fit.py`). A colour, with the light divided out, goes to the three texels around; a texel has the
-weighted mean, then twice that of what is near its last mean (Geman–McClure), so that what moved over it, a shadow or another
-limb, does not count. A texel never seen has the colour of the nearest seen one at rest.
+The light E(n) is found from the part's own rig (`fields/light_fit.py`). A colour, with the light divided out, goes to the three
+texels around; a texel has the weighted mean, then twice that of what is near its last mean (Geman–McClure), so that what moved
+over it, a shadow or another limb, does not count. A texel never seen has the colour of the nearest seen one at rest.
 
 Letters: p pixels, k texels around one, t texels. Root frame, metres; sRGB in [0, 1].
 """
