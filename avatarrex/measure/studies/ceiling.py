@@ -70,7 +70,7 @@ SPACING = {"body": 0.002, "face": 0.001}
 NEAR_PARTS = 0.025
 """Metres about the template's hands and face in which they have their finer voxels."""
 PICTURES = 120
-"""That are painted at most, whole."""
+"""Painted at most, with all their pixels."""
 SHEET = 6
 """Pictures on a contact sheet."""
 

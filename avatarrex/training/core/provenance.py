@@ -21,7 +21,7 @@ WORLD, PERSON = "fixed in the world", "turns with the person"
 PARTS = {"body": ("body",), "face": ("face", "face_colour")}
 """Parts of the prior by trained part."""
 SHARED = "95 % of its vertices at rest (weight above 0.5)"
-"""Of the face's template the drawn person's: tests/capture/test_subject.py."""
+"""How much of the template's face the studio's drawn subject has (tests/capture/test_subject.py)."""
 
 
 def prior(avatar: Avatar, recipe: Recipe, parts: tuple[str, ...], start: Avatar | None) -> dict[str, str]:
@@ -78,7 +78,7 @@ def of_the_template(capture: Capture) -> dict[str, str]:
     return {
         "body": f"joints, skinning weights and nodes of {own}{skin}",
         "hands": f"all: meshes of {own}{skin}, by exact signed distance",
-        "face": f"morph targets, which carry the tri-planes, of {own}{face}{shared}",
+        "face": f"morph targets, which carry the tri-planes, of {own}{shared}{face}",
     }
 
 
