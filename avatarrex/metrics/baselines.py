@@ -200,12 +200,22 @@ def _texels_in(mesh: PosedMesh, observation: Observation, edge: int) -> UInt8[np
 def _texels(mesh: PosedMesh, observed: list[UInt8[np.ndarray, "p 4"]], edge: int) -> Float[np.ndarray, "f t 3"]:
     """Medians over the pictures; a texel never visible has the colour of the nearest visible one at rest."""
     check(observed, "baselines", "training pictures", "some", "none")
-    middle = np.concatenate([_median(np.stack(part)) for part in zip(*(np.array_split(one, 16) for one in observed))])
+    middle = np.concatenate([medians(np.stack(part)) for part in zip(*(np.array_split(one, 16) for one in observed))])
     known = ~np.isnan(middle[:, 0])
     check(known.any(), "baselines", "training pictures", "some that show the template", "none")
     place = _on_lattice(mesh.person.body.v_template.double().numpy()[mesh.faces], edge)
     middle[~known] = middle[known][cKDTree(place[known]).query(place[~known])[1]]
     return middle.reshape(len(mesh.faces), -1, 3)
+
+
+def medians(seen: UInt8[np.ndarray, "o p 4"]) -> Float[np.ndarray, "p 3"]:
+    """In [0, 1] over o observations, of which those whose last byte is not 0 count; NaN where none does."""
+    counted = seen[..., 3] > 0
+    ordered = np.sort(np.where(counted[..., None], seen[..., :3], np.int16(256)), axis=0)  # what counts comes first
+    count = counted.sum(0)
+    low, high = np.maximum(count - 1, 0) // 2, np.minimum(count // 2, len(seen) - 1)
+    middle = sum(np.take_along_axis(ordered, k[None, :, None], 0)[0].astype(np.float32) for k in (low, high)) / 2
+    return np.where(count[:, None] > 0, middle, np.nan).astype(np.float32) / np.float32(255)
 
 
 def look_up(texels: Float[np.ndarray, "f t 3"], face: np.ndarray, weight: np.ndarray) -> np.ndarray:
@@ -250,10 +260,3 @@ def _facing(surface: Surface, camera: Camera) -> np.ndarray:
     length = np.linalg.norm(normal, axis=1) * np.linalg.norm(way, axis=1)
     cosine: np.ndarray = (normal * way).sum(1) / np.maximum(length, 1e-20)
     return cosine
-
-
-def _median(seen: np.ndarray) -> np.ndarray:
-    """(p, 3) in [0, 1] from bytes (observations, p, 4), the last of which says whether it counts; NaN where none does."""
-    counted = np.ma.masked_array(seen[..., :3].astype(np.float32), np.repeat(seen[..., 3:] == 0, 3, axis=-1))
-    middle: np.ndarray = np.ma.median(counted, axis=0).filled(np.nan)  # type: ignore[no-untyped-call]
-    return middle / np.float32(255)

@@ -36,8 +36,9 @@ TEST = ("held-out pose", "held-out view", "held-out both")
 SPLITS = ("train", "validation", "test", *TEST)
 FRAMES_EACH = 4
 """Frames evaluated of each split, unless chosen."""
-OBSERVATIONS = 48
-"""Training pictures that the baselines' colours come from: a texel on the side of the body is then seen by a dozen."""
+OBSERVATIONS = 360
+"""Training pictures that the baselines' colours come from: as many as a body's static detail is registered to
+(`training/core/projection.py`)."""
 OBSERVED_SIZE = 1024
 """Pixels of their longer side at most: finer than the texels."""
 SURFACE_PIXELS = 150_000

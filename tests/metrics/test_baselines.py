@@ -13,6 +13,7 @@ from avatarrex.metrics.baselines import (
     lattice,
     look_up,
     mean_colour_mesh,
+    medians,
     resolved_edge,
     textured_mesh,
 )
@@ -33,6 +34,21 @@ def gathered():
             camera = Camera.orbit(azimuth + 60 * number, 5, 2.6, 40, (0, -0.1, 0), 320, 320)
             seen.append(Observation.of(signals, camera, drawer.draw(signals, camera).image.numpy()))
     return drawer, seen, (textured_mesh(mesh.person, seen), mean_colour_mesh(mesh.person, seen))
+
+
+@pytest.mark.parametrize("pictures", [1, 4, 5])
+def test_medians_are_of_the_pictures_that_count(pictures):
+    """Against numpy's median of the same bytes; a texel that no picture shows has none."""
+    rng = np.random.default_rng(pictures)
+    seen = rng.integers(0, 256, (pictures, 400, 4), np.uint8)
+    seen[..., 3] *= rng.random((pictures, 400)) < 0.6
+    expected = np.full((400, 3), np.nan)
+    for point, counts in enumerate((seen[..., 3] > 0).T):
+        if counts.any():
+            expected[point] = np.median(seen[counts, point, :3], axis=0) / 255
+    assert np.isnan(expected).any()
+    assert not np.isnan(expected).all()
+    np.testing.assert_allclose(medians(seen), expected, rtol=1e-6, equal_nan=True)
 
 
 @pytest.mark.parametrize("edge", [EDGE, 8])

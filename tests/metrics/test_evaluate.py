@@ -18,6 +18,7 @@ from avatarrex.files.assets import SPECS
 from avatarrex.metrics.baselines import PosedMesh, mean_colour_mesh, textured_mesh
 from avatarrex.metrics.drawing import AvatarDrawer, Drawing, fitted, over_black
 from avatarrex.metrics.evaluate import (
+    OBSERVATIONS,
     SPLITS,
     TEST,
     Choice,
@@ -31,6 +32,7 @@ from avatarrex.metrics.evaluate import (
 from avatarrex.metrics.measures import KEYS, Measured, Networks, means, measure
 from avatarrex.metrics.report import contact_sheet, table, to_json
 from avatarrex.signals.driving import Signals
+from avatarrex.training.core.projection import PICTURES
 
 SCHEMA = json.loads((SPECS / "metrics.json").read_text(encoding="utf-8"))
 KINDS = {"object": dict, "array": list, "string": str, "number": (int, float), "null": type(None)}
@@ -151,6 +153,10 @@ def test_baselines_do_not_see_what_is_held_out(capture):
     held_out = {rig.signals[HELD_OUT_FRAME]}
     back = next(view for view in rig.views if view.name == HELD_OUT_VIEW)
     assert not any(one.signals in held_out or one.camera.key() == back.camera.key() for one in seen)
+
+
+def test_baselines_see_as_many_pictures_as_static_detail_is_registered_to():
+    assert max(PICTURES.values()) == OBSERVATIONS
 
 
 def test_means_are_of_what_was_measured(evaluation):
