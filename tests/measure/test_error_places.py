@@ -11,13 +11,15 @@ import torch
 from capture.tiny_capture import TinyCapture
 
 from avatarrex.avatar_file import load_avatar, save_avatar
+from avatarrex.capture.fit.check import template_surface
 from avatarrex.capture.readers.rigs import open_capture
 from avatarrex.errors import InputError
 from avatarrex.measure.__main__ import main
 from avatarrex.measure.studies import error_places
-from avatarrex.measure.studies.error_places import PLACES, errors, places, squared_errors
+from avatarrex.measure.studies.error_places import LIMBS, PLACES, TORSO, errors, limbs, places, squared_errors
 from avatarrex.metrics.drawing import Drawing, Truth
 from avatarrex.metrics.evaluate import captured
+from avatarrex.templates.person import load_person
 
 
 def drawing(image):
@@ -63,6 +65,34 @@ def test_errors_are_summed_where_they_are():
     found = squared_errors(drawing(image), truth)
     assert dict(zip(PLACES, found)) == pytest.approx(expected, rel=1e-5)
     assert found[3] == 256
+
+
+def test_limbs_are_where_their_joints_are(tmp_path):
+    rig = body(tmp_path, [1], [0])
+    person, signals, camera = load_person(), rig.signals[1], rig.views[1].camera
+    found = limbs(person, signals, camera)
+    assert np.array_equal(sum(found.values()), np.ones((camera.height, camera.width), int)), "each pixel has one"
+    joints = camera.pixels(template_surface(person, signals)[1])[0]
+    for joint, limb in (
+        ("head", "head"),
+        ("left_wrist", "hands"),
+        ("right_elbow", "arms"),
+        ("left_knee", "legs"),
+        ("right_foot", "feet"),
+        ("spine1", TORSO),
+    ):
+        column, row = np.floor(joints[person.body.joint_names.index(joint)]).astype(int)
+        assert found[limb][row, column], joint
+
+
+def test_errors_of_limbs_add_up(tmp_path):
+    rig = body(tmp_path, [1], [0])
+    found = errors(rig, [Photograph(rig)], load_person())["held-out pose"]
+    assert list(found) == ["photograph", *(f"photograph, {limb}" for limb in (*LIMBS, TORSO))]
+    whole, *parts = found.values()
+    for place in (*PLACES, "sum"):
+        assert sum(part[place] for part in parts) == pytest.approx(whole[place], rel=1e-9)
+    assert min(part["sum"] for part in parts) > 0
 
 
 class Photograph:
