@@ -1,16 +1,14 @@
 """`avatarrex-studio VERB …`: the table of verbs, each a file of this folder or of `avatarrex.measure`, and how each ends.
 
-Wrong input ends with one line, `avatarrex-studio: error: …`, and exit code 2; Ctrl+C with 130, SIGTERM with 143, and either
-takes half-written files away. Only the file of the verb that was named is loaded, and none loads torch before its options are read.
+Wrong input ends with one line, `avatarrex-studio: error: …`, and exit code 2; Ctrl+C with 130. Only the file of the verb
+that was named is loaded, and none loads torch before its options are read.
 """
 
 from __future__ import annotations
 
 import argparse
 import os
-import signal
 import sys
-import threading
 from collections.abc import Sequence
 from importlib import import_module
 from typing import NoReturn
@@ -59,8 +57,6 @@ SIGNED = ("--frame", "--frames", "--held-out-frames", "--size", "--camera", "--u
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command line; returns the exit code."""
     words = sys.argv[1:] if argv is None else argv
-    if threading.current_thread() is threading.main_thread():
-        signal.signal(signal.SIGTERM, _terminated)
     try:
         if submit.wanted(words):
             return submit.run(words, parse)
@@ -82,11 +78,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print(f"{PROGRAM}: interrupted", file=sys.stderr)
         return 130
-
-
-def _terminated(number: int, frame: object) -> NoReturn:
-    """End as at a fault, through every `finally`: Python's own way of taking this signal runs none."""
-    sys.exit(128 + number)
 
 
 def parse(argv: Sequence[str]) -> argparse.Namespace:

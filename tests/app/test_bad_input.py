@@ -276,9 +276,7 @@ if {limit}:
     sys.dont_write_bytecode = True  # modules would be cut off, too, and stay so
     resource.setrlimit(resource.RLIMIT_FSIZE, ({limit}, {limit}))
 for line in {lines!r}:
-    code = cli.main(line.split())
-    print("exit", code, file=sys.stderr)
-sys.exit(code)
+    print("exit", cli.main(line.split()), file=sys.stderr)
 """
 
 
@@ -323,10 +321,9 @@ def test_a_full_disk_keeps_what_was_there(tmp_path):
     ]
 
 
-@pytest.mark.parametrize(("sent", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 @pytest.mark.parametrize("out", ["frames/", "walk.mp4"])
-def test_an_interrupt_leaves_whole_files(out, sent, code, tmp_path):
-    """Ctrl+C or SIGTERM in the middle: images that are done stay, whole; a video that is not done vanishes."""
+def test_an_interrupt_leaves_whole_files(out, tmp_path):
+    """Ctrl+C in the middle: images that are done stay, whole; a video that is not done vanishes; exit code 130."""
     pytest.importorskip("av")
     (tmp_path / "m.bvh").write_text(bvh(300))
     target = tmp_path / "out" / out
@@ -338,9 +335,9 @@ def test_an_interrupt_leaves_whole_files(out, sent, code, tmp_path):
         assert time.monotonic() < deadline
         time.sleep(0.02)
     time.sleep(0.3)
-    process.send_signal(sent)
+    process.send_signal(signal.SIGINT)
     _, err = process.communicate(timeout=30)
-    assert process.returncode == code
+    assert "exit 130" in err
     assert "Traceback" not in err
     left = files(tmp_path / "out")
     if out.endswith("/"):
