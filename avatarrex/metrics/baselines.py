@@ -209,7 +209,7 @@ def _texels(mesh: PosedMesh, observed: list[UInt8[np.ndarray, "p 4"]], edge: int
 
 
 def medians(seen: UInt8[np.ndarray, "o p 4"]) -> Float[np.ndarray, "p 3"]:
-    """In [0, 1] over o observations, of which those whose last byte is not 0 count; NaN where none does."""
+    """The median colour of each texel over o observations, in [0, 1]; those whose last byte is 0 do not count, NaN where none does."""
     counted = seen[..., 3] > 0
     ordered = np.sort(np.where(counted[..., None], seen[..., :3], np.int16(256)), axis=0)  # what counts comes first
     count = counted.sum(0)

@@ -37,7 +37,7 @@ SPLITS = ("train", "validation", "test", *TEST)
 FRAMES_EACH = 4
 """Frames evaluated of each split, unless chosen."""
 OBSERVATIONS = 360
-"""Training pictures that the baselines' colours come from: as many as a body's static detail is registered to
+"""Training pictures of the rig that the baselines' colours come from, at most: as many as a body's static detail is registered to
 (`training/core/projection.py`)."""
 OBSERVED_SIZE = 1024
 """Pixels of their longer side at most: finer than the texels."""

@@ -62,7 +62,7 @@ def test_errors_are_summed_where_they_are():
     image[4, 7, 0] = 0.8
     image[1, 1, :3] = 1.0  # outside the matte
     expected = {"not covered": 0.25 * 128, "rim": 0.09 / 3, "inside": 0.25}
-    found = squared_errors(drawing(image), truth)
+    found = squared_errors(drawing(image), truth)[""]
     assert dict(zip(PLACES, found)) == pytest.approx(expected, rel=1e-5)
     assert found[3] == 256
 

@@ -155,7 +155,7 @@ def test_baselines_do_not_see_what_is_held_out(capture):
     assert not any(one.signals in held_out or one.camera.key() == back.camera.key() for one in seen)
 
 
-def test_baselines_see_as_many_pictures_as_static_detail_is_registered_to():
+def test_baselines_see_at_most_as_many_pictures_as_static_detail_is_registered_to():
     assert max(PICTURES.values()) == OBSERVATIONS
 
 

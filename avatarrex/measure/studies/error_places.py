@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -72,14 +73,17 @@ def limbs(person: Person, signals: Signals, camera: Camera) -> dict[str, Bool[np
 
 
 def squared_errors(
-    drawing: Drawing, truth: Truth, only: Bool[np.ndarray, "h w"] | None = None
-) -> Float[np.ndarray, " 4"]:
-    """The summed squared error by `PLACES`, of `only` some pixels where they are given, and the number of the matte's pixels."""
+    drawing: Drawing, truth: Truth, among: Mapping[str, Bool[np.ndarray, "h w"]] = MappingProxyType({})
+) -> dict[str, Float[np.ndarray, " 4"]]:
+    """The summed squared error by `PLACES` and the number of the matte's pixels: of the whole picture, by the name "", and by the name of
+    each mask of `among` of its pixels alone."""
     matte = truth.matte.numpy() >= 0.5
     error = np.square(drawing.image[..., :3].double().clamp(0, 1).numpy() - truth.image.double().numpy()).mean(-1)
-    counted = error if only is None else np.where(only, error, 0)
     where = places(drawing.image[..., 3].numpy(), matte).values()
-    return np.array([*(counted[pixels].sum() for pixels in where), matte.sum()])
+    masks = {"": matte, **among}
+    return {
+        name: np.array([*(error[pixels & mask].sum() for pixels in where), matte.sum()]) for name, mask in masks.items()
+    }
 
 
 def held_out_pictures(rig: Rig) -> list[tuple[int, int]]:
@@ -98,12 +102,10 @@ def errors(rig: Rig, drawers: Sequence[Drawer], person: Person | None = None) ->
         camera, signals = rig.views[view].camera, rig.signals[frame]
         truth = captured(rig, view, frame, camera)
         of_split = found.setdefault(split_of(rig, view, frame), {})
-        divided: Mapping[str, np.ndarray] = {} if person is None else limbs(person, signals, camera)
+        among = {} if person is None else {f", {limb}": mask for limb, mask in limbs(person, signals, camera).items()}
         for drawer in drawers:
-            drawing = drawer.draw(signals, camera)
-            of_split.setdefault(drawer.name, []).append(squared_errors(drawing, truth))
-            for limb, only in divided.items():
-                of_split.setdefault(f"{drawer.name}, {limb}", []).append(squared_errors(drawing, truth, only))
+            for limb, row in squared_errors(drawer.draw(signals, camera), truth, among).items():
+                of_split.setdefault(drawer.name + limb, []).append(row)
     return {
         split: {name: _per_pixel(rig, np.sum(rows, 0).tolist()) for name, rows in found[split].items()}
         for split in (POSE, BOTH)
