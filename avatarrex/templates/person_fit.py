@@ -18,12 +18,16 @@ from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
 from avatarrex.errors import InputError
-from avatarrex.signals.joints import JOINT_NAMES
+from avatarrex.signals.joints import BODY_GROUPS, FINGERS, JOINT_NAMES
 from avatarrex.templates.face_offsets import FaceOffsets, flag
 from avatarrex.templates.model import EYES, TemplateModel
 
 SPREAD_SIGMA = 0.05
-"""Metres: σ of a surface offset, about what 320 of them are apart."""
+"""Metres: σ of a surface offset in the files of fits before 2026-11-30."""
+NEAREST = 8
+"""Offsets that move a vertex."""
+LIMB_DISTANCE = 0.02
+"""Metres that a limb's share of the skinning counts as in `places`, so that fingers, thighs, arm and chest move apart."""
 EYE_STAYS, EYE_FREE = 0.022, 0.044
 """Metres from an eye's middle up to which the skin stays, lids to their creases, and from which it moves as it is told."""
 
@@ -38,6 +42,9 @@ class SurfaceOffsets:
     """(n, 3) metres."""
     eyes_stay: bool = False
     """Whether eyes and lids stay at the eyes' joints, whatever the skin around does; False in the files of before."""
+    limbs_apart: bool = False
+    """Whether a vertex follows the nearest offsets of its own limb or finger, smoothly (`places`); False in the files of fits before
+    2026-11-30, of offsets that were 6 cm apart."""
 
     def __post_init__(self) -> None:
         value = np.asarray(self.offsets, dtype=np.float64)
@@ -46,20 +53,25 @@ class SurfaceOffsets:
         object.__setattr__(self, "offsets", value)
 
     def weights(self, body: TemplateModel) -> csr_array:
-        """(v, n) at the rest vertices of the original `body`: Gaussians of the eight nearest, as wide as those are apart."""
-        rest = body.v_template.double().numpy()
-        if min(self.vertices) < 0 or max(self.vertices) >= len(rest) or len(self.vertices) < 8:
-            raise InputError(
-                "person fit", "surface.vertices", f"8 or more indices below {len(rest)}", self.vertices[:8]
-            )
-        centres = rest[list(self.vertices)]
-        away, nearest = cKDTree(centres).query(rest, 8)
-        value = np.exp(-0.5 * (away / SPREAD_SIGMA) ** 2) + 1e-9
+        """(v, n) at the rest vertices of the original `body`, sum 1, of the `NEAREST` offsets.
+
+        (1 − (d/D)²)² with D the distance of the next one, so that an offset's weight is zero where another takes its turn; in the files
+        of before Gaussians.
+        """
+        if min(self.vertices) < 0 or max(self.vertices) >= len(body.v_template) or len(self.vertices) <= NEAREST:
+            found = f"{NEAREST + 1} or more indices below {len(body.v_template)}"
+            raise InputError("person fit", "surface.vertices", found, self.vertices[:8])
+        place = places(body) if self.limbs_apart else body.v_template.double().numpy()
+        away, nearest = cKDTree(place[list(self.vertices)]).query(place, NEAREST + 1)
+        if self.limbs_apart:
+            value = (1 - (away[:, :-1] / away[:, -1:]) ** 2) ** 2 + 1e-9
+        else:
+            value = np.exp(-0.5 * (away[:, :-1] / SPREAD_SIGMA) ** 2) + 1e-9
         value /= value.sum(1, keepdims=True)
         if self.eyes_stay:
-            value *= 1 - sum(_near_eyes(body).values(), np.zeros(len(rest)))[:, None]
-        rows = np.repeat(np.arange(len(rest)), 8)
-        return csr_array((value.ravel(), (rows, nearest.ravel())), shape=(len(rest), len(centres)))
+            value *= 1 - sum(_near_eyes(body).values(), np.zeros(len(place)))[:, None]
+        rows = np.repeat(np.arange(len(place)), NEAREST)
+        return csr_array((value.ravel(), (rows, nearest[:, :-1].ravel())), shape=(len(place), len(self.vertices)))
 
     def moved(self, body: TemplateModel) -> np.ndarray:
         """(v, 3) what vertices of the original `body` move by."""
@@ -98,6 +110,8 @@ class PersonFit:
             fit["surface"] = {"vertices": list(self.surface.vertices), "offsets": self.surface.offsets.tolist()}
             if self.surface.eyes_stay:
                 fit["surface"]["eyes_stay"] = True
+            if self.surface.limbs_apart:
+                fit["surface"]["limbs_apart"] = True
         if self.face is not None:
             fit["face"] = self.face.to_json()
         if self.labels_stay:
@@ -114,8 +128,8 @@ class PersonFit:
             surface, face = None, None
             if "surface" in data:
                 moved = np.array(data["surface"]["offsets"], dtype=np.float64)
-                stay = flag(data["surface"], "eyes_stay", "surface.eyes_stay")
-                surface = SurfaceOffsets(tuple(map(int, data["surface"]["vertices"])), moved, stay)
+                stay, apart = (flag(data["surface"], name, f"surface.{name}") for name in ("eyes_stay", "limbs_apart"))
+                surface = SurfaceOffsets(tuple(map(int, data["surface"]["vertices"])), moved, stay, apart)
             if "face" in data:
                 face = FaceOffsets.from_json(data["face"])
             return cls(shape, offsets, surface, face, flag(data, "labels_stay", "labels_stay"))
@@ -158,6 +172,17 @@ class PersonFit:
             expression_dirs=expressions,
             joint_expression_dirs=joints_follow,
         )
+
+
+def places(body: TemplateModel) -> np.ndarray:
+    """(v, 3 + limbs) rest vertices of the original `body`, metres, and `LIMB_DISTANCE` times the share of each limb and finger in their
+    skinning weights: Euclidean distances there are those in space, and more from one limb to another."""
+    limbs: list[tuple[str, ...]] = list(BODY_GROUPS.values())
+    limbs += [tuple(f"{side}_{finger}{k}" for k in (1, 2, 3)) for side in ("left", "right") for finger in FINGERS]
+    columns = [[JOINT_NAMES.index(joint) for joint in limb] for limb in limbs]
+    weights = body.weights.double().numpy()
+    share = np.stack([weights[:, column].sum(1) for column in columns], 1)
+    return np.concatenate([body.v_template.double().numpy(), LIMB_DISTANCE * share], 1)
 
 
 def _near_eyes(body: TemplateModel) -> dict[str, np.ndarray]:

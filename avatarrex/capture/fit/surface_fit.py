@@ -24,10 +24,12 @@ from avatarrex.capture.fit.outlines import EDGE_SHARE, Seen, measured, seen_fram
 from avatarrex.capture.readers.rigs import Capture
 from avatarrex.ops.skinning import blend
 from avatarrex.templates.person import Person, load_person, resize_person
-from avatarrex.templates.person_fit import PersonFit, SurfaceOffsets
+from avatarrex.templates.person_fit import PersonFit, SurfaceOffsets, places
 
-FIELD_NODES = 320
-"""Six centimetres apart on an adult; finer than that, 20 outlines of 512 pixels say little."""
+NODE_SPACING, HAND_NODE_SPACING = 0.04, 0.012
+"""Metres between the field's nodes, in `places`: on hands fine enough for the thickness of a finger. `docs/capture.md` has errors."""
+FRAMES = 12
+"""Of each rig: with four, few outlines pass a place."""
 EDGE_SEARCH = 0.06
 """Metres to look for the matte's edge."""
 OUTLIERS = (0.06, 0.04, 0.03, 0.02)
@@ -43,7 +45,7 @@ def fit_surface(
     capture: Capture,
     frames: dict[str, Iterable[int]] | None = None,
     views: dict[str, Iterable[int]] | None = None,
-    count: int = 4,
+    count: int = FRAMES,
 ) -> Person:
     """`capture.person` with its skin moved onto the mattes of `count` frames per rig, of the training's split alone.
 
@@ -73,15 +75,16 @@ class _Field:
     """Offsets of a few vertices, spread over all of them."""
 
     def __init__(self, person: Person) -> None:
-        rest = person.body.v_template.double().numpy()
-        self.nodes = _spread(rest, FIELD_NODES)
-        self.still = SurfaceOffsets(tuple(self.nodes.tolist()), np.zeros((FIELD_NODES, 3)), eyes_stay=True)
+        place = places(person.body)
+        self.nodes = _spread(place, np.where(person.hand_weight > 0, HAND_NODE_SPACING, NODE_SPACING))
+        count = len(self.nodes)
+        self.still = SurfaceOffsets(tuple(self.nodes.tolist()), np.zeros((count, 3)), eyes_stay=True, limbs_apart=True)
         self.weights = self.still.weights(person.body)
-        near = cKDTree(rest[self.nodes]).query(rest[self.nodes], 7)[1]
-        graph = np.zeros((FIELD_NODES, FIELD_NODES))
+        near = cKDTree(place[self.nodes]).query(place[self.nodes], 7)[1]
+        graph = np.zeros((count, count))
         graph[near[:, :1], near[:, 1:]] = 1
         graph = np.maximum(graph, graph.T)
-        self.stiffness = (np.diag(graph.sum(1)) - graph) / NEIGHBOUR_SIGMA**2 + np.eye(FIELD_NODES) / OFFSET_SIGMA**2
+        self.stiffness = (np.diag(graph.sum(1)) - graph) / NEIGHBOUR_SIGMA**2 + np.eye(count) / OFFSET_SIGMA**2
 
     def solve(self, found: list[AtRest], old: np.ndarray, outlier: float) -> np.ndarray:
         """(n, 3) offsets for constraints measured with offsets `old`."""
@@ -97,14 +100,15 @@ class _Field:
         return np.linalg.solve(matrix, right).reshape(3, -1).T
 
 
-def _spread(points: np.ndarray, count: int) -> np.ndarray:
-    """Indices of `count` points far from each other, each the farthest from those before; the lowest first."""
-    chosen = [int(points[:, 1].argmin())]
-    away = np.full(len(points), np.inf)
-    for _ in range(count - 1):
-        away = np.minimum(away, ((points - points[chosen[-1]]) ** 2).sum(1))
+def _spread(points: np.ndarray, spacing: np.ndarray) -> np.ndarray:
+    """Indices of nodes, the lowest point first; each is the one farthest from those before in units of its own `spacing` (v,), until
+    all points are nearer than that to a node."""
+    chosen, away = [int(points[:, 1].argmin())], np.full(len(points), np.inf)
+    while True:
+        away = np.minimum(away, np.linalg.norm(points - points[chosen[-1]], axis=1) / spacing)
+        if away.max() < 1:
+            return np.array(chosen)
         chosen.append(int(away.argmax()))
-    return np.array(chosen)
 
 
 def _at_rest(person: Person, seen: Seen) -> AtRest:
