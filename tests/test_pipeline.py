@@ -221,3 +221,34 @@ def test_rays_that_meet_no_changed_box_keep_their_hits(avatar: Avatar, changes: 
     assert frame.counters["ray_steps"] < 0.5 * alone.counters["ray_steps"]
     turned = render_frame(avatar, FIRST.replace(**changes), camera(60).resized(96, 96), settings, frame)
     assert turned.counters["rays"] >= 96 * 96
+
+
+@pytest.mark.skipif("gl" not in available(), reason="no OpenGL 4.3 here")
+def test_occlusion_edges_are_antialiased(avatar: Avatar) -> None:
+    """Where an arm passes before the chest both are seen, as in a picture of four times the resolution."""
+    settings = replace(SETTINGS, raycast="gl", antialias=True)
+    signals = Signals.rest().replace(body_pose=named_pose("crossed_arms"))
+    view = Camera.orbit(15, 5, 1.2, 40, (0, 0.25, 0), 64, 64)
+    frame = render_frame(avatar, signals, view, settings)
+    fine = render_frame(avatar, signals, view.resized(256, 256), replace(settings, antialias=False)).image
+    wanted = torch.nn.functional.avg_pool2d(fine.permute(2, 0, 1)[None], 4)[0].permute(1, 2, 0)
+    mixed = torch.zeros_like(frame.pointmap.hit).flatten()
+    mixed[frame.pointmap.edges.pixel] = True
+    off, unmixed = (
+        (image - wanted).flatten(0, 1)[mixed].square().mean() for image in (frame.image, frame.shading.unmixed)
+    )
+    assert int(mixed.sum()) > 30
+    assert off < 0.8 * unmixed  # what is left are stripes narrower than a pixel
+    assert torch.equal(frame.image.flatten(0, 1)[~mixed], frame.shading.unmixed.flatten(0, 1)[~mixed])
+
+
+@pytest.mark.skipif("gl" not in available(), reason="no OpenGL 4.3 here")
+def test_edges_that_stay_are_mixed_once(avatar: Avatar) -> None:
+    settings, view = replace(SETTINGS, raycast="gl", antialias=True), Camera.orbit(15, 5, 1.2, 40, (0, 0.25, 0), 64, 64)
+    signals = Signals.rest().replace(body_pose=named_pose("crossed_arms"))
+    first = render_frame(avatar, signals, view, settings)
+    smiling = signals.replace(expression=named_expression("jaw_open"))
+    frame = render_frame(avatar, smiling, view, settings, first)
+    alone = render_frame(avatar, smiling, view, settings)
+    assert frame.counters["pixels_shaded"] < alone.counters["pixels_shaded"]
+    torch.testing.assert_close(frame.image, alone.image, atol=1e-6, rtol=0)

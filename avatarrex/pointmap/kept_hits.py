@@ -58,4 +58,5 @@ class KeptHits:
             return out
 
         images: dict[str, Any] = {name: join(name) for name in IMAGES}
-        return replace(made, **images)
+        edges = self.pointmap.edges.among(~self.anew).joined(made.edges.among(self.anew))
+        return replace(made, **images, edges=edges)

@@ -16,6 +16,7 @@ from avatarrex.camera import Camera
 from avatarrex.ops import native
 from avatarrex.ops.finite import require_finite
 from avatarrex.pointmap import image_loops
+from avatarrex.pointmap.occlusion_edges import OcclusionEdges
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +43,8 @@ class PointMap:
     counters: dict[str, int] = field(default_factory=dict)
     side: Int[Tensor, "h w"] | None = None
     """The limb that each point is on (`Composed.side`), where the exact field was evaluated; None: the volume tells."""
+    edges: OcclusionEdges = field(default_factory=OcclusionEdges.none)
+    """Pixels that show a farther or nearer sheet of the surface, too."""
 
     def __post_init__(self) -> None:
         require_finite(
@@ -67,6 +70,7 @@ class CoveredPixels:
     hit: Bool[Tensor, " p"] | None = None
     coverage: Float[Tensor, " p"] | None = None
     steps: Float[Tensor, " p"] | None = None
+    edges: OcclusionEdges = field(default_factory=OcclusionEdges.none)
 
     def scatter(self, camera: Camera, renderer: str, counters: dict[str, int], impl: str = "auto") -> PointMap:
         """The images; depth is taken in float64. `impl`: `auto` (compiled loops, for float32), `torch`."""
@@ -78,7 +82,9 @@ class CoveredPixels:
         serves = native.serves(*(values for values in rows if values is not hit))
         lay = _compiled if impl == "auto" and serves else _scattered
         position, normal, part_weight, hit, coverage, steps, depth = lay(self.pixel, rows, camera)
-        return PointMap(position, normal, depth, hit, coverage, part_weight, steps, renderer, counters)
+        return PointMap(
+            position, normal, depth, hit, coverage, part_weight, steps, renderer, counters, None, self.edges
+        )
 
 
 def _compiled(pixel: Tensor, rows: tuple[Tensor, ...], camera: Camera) -> tuple[Tensor, ...]:

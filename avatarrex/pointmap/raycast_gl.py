@@ -18,6 +18,7 @@ from avatarrex.camera import Camera
 from avatarrex.gl.context import current_context, gl_context, per_context, renderer_name
 from avatarrex.gl.grids import GridTextures
 from avatarrex.gl.shader import compute_shader
+from avatarrex.pointmap.occlusion_edges import NEIGHBOURS, OcclusionEdges
 from avatarrex.pointmap.point_map import CoveredPixels, PointMap
 from avatarrex.pointmap.rays import RayPlane, box_window
 from avatarrex.templates.parts import PARTS
@@ -78,11 +79,13 @@ RECORD = np.dtype(
         ("normal", "f4", 3),
         ("coverage", "f4"),
         ("weight", "f4", len(PARTS)),
-        ("steps", "f4"),
+        ("walked", "u4"),
         ("unused", "f4", -(len(PARTS) + 1) % 4),
     ]
 )
 """Mirrors `struct Record` of shaders/pointmap/surface.comp."""
+STEP_BITS = 20
+"""Of `walked`: steps; above them five bits of sub-positions on another sheet, then the neighbour that shows it."""
 HIT_BIT = -(1 << 31)
 """Of a pixel's number as a signed one."""
 T, BEAM, RECORDS = 4, 8, 10
@@ -152,7 +155,9 @@ class GlCaster:
             "bytes_uploaded": uploaded,
             "bytes_read_back": LISTS.itemsize + records.nbytes,
         }
-        return _covered(records, only).scatter(camera, f"OpenGL compute, {renderer_name(self.context)}", counters)
+        return _covered(records, camera.width, only).scatter(
+            camera, f"OpenGL compute, {renderer_name(self.context)}", counters
+        )
 
     def distances(self, camera: Camera) -> np.ndarray:
         """t of every pixel's ray as the last passes left it, row by row (float32); ∞ where there is no hit."""
@@ -275,7 +280,7 @@ def _tiles(camera: Camera) -> int:
 
 
 def _slots(camera: Camera, antialias: bool) -> int:
-    """Silhouette pixels that there is room for: 64 bytes each."""
+    """Pixels of edges that there is room for: 64 bytes each."""
     return camera.width * camera.height // 4 + 4096 if antialias else 0
 
 
@@ -317,22 +322,32 @@ def _pixels_of(chosen: np.ndarray, camera: Camera) -> int:
     return int(chosen.repeat(TILE, 0).repeat(TILE, 1)[: camera.height, : camera.width].sum())
 
 
-def _covered(records: np.ndarray, only: Tensor | None) -> CoveredPixels:
+def _covered(records: np.ndarray, width: int, only: Tensor | None) -> CoveredPixels:
     table = torch.from_numpy(records.view("f4").reshape(-1, RECORD.itemsize // 4))
     pixel, coverage = column(table, "pixel")[:, 0].view(torch.int32), column(table, "coverage")[:, 0]
     if only is not None:
         wanted = torch.nonzero(only.view(-1)[(pixel & ~HIT_BIT).long()])[:, 0]
         table = table.index_select(0, wanted)
         pixel, coverage = pixel[wanted], coverage[wanted]
+    walked, place = column(table, "walked")[:, 0].view(torch.int32), (pixel & ~HIT_BIT).long()
     return CoveredPixels(
-        pixel=(pixel & ~HIT_BIT).long(),
+        pixel=place,
         position=column(table, "position"),
         normal=column(table, "normal"),
         part_weight=column(table, "weight"),
         hit=pixel < 0,
         coverage=coverage,
-        steps=column(table, "steps")[:, 0],
+        steps=(walked & ((1 << STEP_BITS) - 1)).float(),
+        edges=_edges(place, coverage, walked, width),
     )
+
+
+def _edges(pixel: Tensor, coverage: Tensor, walked: Tensor, width: int) -> OcclusionEdges:
+    """By the bits of `walked`."""
+    others = walked >> STEP_BITS & 31
+    rows = torch.nonzero(others)[:, 0]
+    step = torch.tensor([x + y * width for x, y in NEIGHBOURS])[(walked[rows] >> (STEP_BITS + 5)).long()]
+    return OcclusionEdges(pixel[rows], pixel[rows] + step, others[rows] / (16 * coverage[rows]))
 
 
 def column(table: Tensor, name: str) -> Tensor:

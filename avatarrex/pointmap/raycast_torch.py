@@ -7,11 +7,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from avatarrex.camera import Camera
+from avatarrex.pointmap.occlusion_edges import NEIGHBOURS, SHEET_GAP, OcclusionEdges
 from avatarrex.pointmap.point_map import CoveredPixels, PointMap
 from avatarrex.pointmap.raycast_reference import first_crossing, surface
 from avatarrex.pointmap.rays import SUBPIXELS, RayPlane, Rays, pixel_centres, slab
@@ -51,15 +53,17 @@ def raycast_torch(volume: SdfVolume, camera: Camera, antialias: bool, march: str
     again = torch.nonzero(first.suspect)[:, 0]
     t[again] = first_crossing(volume, plane.rays(pixels[again].double())).float()
     hit = t.isfinite()
-    coverage, count, total = hit.float(), len(pixels), int(steps.sum())
+    coverage, count, total, edges = hit.float(), len(pixels), int(steps.sum()), OcclusionEdges.none()
     if antialias:
-        edge = torch.nonzero(_beside_silhouette(hit, camera) | (first.near & ~hit))[:, 0]
+        sheet = _other_sheet(t, plane, rays, camera)
+        edge = torch.nonzero(_beside_silhouette(hit, camera) | (first.near & ~hit) | (sheet >= 0))[:, 0]
         offset = torch.as_tensor(SUBPIXELS).float()
         sub_pixels = (pixels[edge, None] - 0.5 + offset).view(-1, 2)
         sub = _march(volume, plane.rays(sub_pixels), plane.footprint)
         sub_t = sub.t.view(-1, 16)
         covered = sub_t.isfinite()
         coverage[edge] = covered.float().mean(1).maximum(hit[edge] / 16)
+        edges = _occlusion_edges(t, sub_t, edge, sheet[edge])
         # Where the centre misses, the covered sub-position nearest to it speaks for the pixel.
         away = (offset - 0.5).square().sum(1).expand(len(edge), 16).masked_fill(~covered, torch.inf)
         nearest = away.argmin(1)
@@ -71,7 +75,7 @@ def raycast_torch(volume: SdfVolume, camera: Camera, antialias: bool, march: str
     position = plane.rays(pixels[pixel]).at(t[pixel])
     normal, weight = surface(volume, position)
     counters = {"rays": count, "ray_steps": total}
-    found = CoveredPixels(pixel, position, normal, weight, hit[pixel], coverage[pixel], steps[pixel])
+    found = CoveredPixels(pixel, position, normal, weight, hit[pixel], coverage[pixel], steps[pixel], edges)
     return found.scatter(camera, "torch on the CPU", counters)
 
 
@@ -155,6 +159,34 @@ def _range(volume: SdfVolume, rays: Rays) -> tuple[Float[Tensor, " r"], Float[Te
         met = (entry <= exit) & (exit >= rays.camera)
         start, end = torch.where(met, start.minimum(entry), start), torch.where(met, end.maximum(exit), end)
     return start.maximum(rays.camera), end
+
+
+def _other_sheet(t: Float[Tensor, " r"], plane: RayPlane, rays: Rays, camera: Camera) -> Int[Tensor, " r"]:
+    """The neighbouring pixel whose hit is farthest before or behind a pixel's own, on another sheet; −1 where there is none."""
+    gap = SHEET_GAP * float(np.linalg.norm(plane.across)) * (1 - t / rays.camera)
+    found, image = torch.full_like(t, -1, dtype=torch.int64), t.view(camera.height, camera.width)
+    number = torch.arange(len(t)).view_as(image)
+    for right, down in NEIGHBOURS:
+        rows, columns = (
+            torch.arange(size).add(step).clamp(0, size - 1)
+            for size, step in ((camera.height, down), (camera.width, right))
+        )
+        apart = (image[rows][:, columns] - image).abs().flatten()
+        farther = apart.isfinite() & (apart > gap)
+        found = torch.where(farther, number[rows][:, columns].flatten(), found)
+        gap = torch.where(farther, apart, gap)
+    return found
+
+
+def _occlusion_edges(
+    t: Float[Tensor, " r"], sub_t: Float[Tensor, "e 16"], edge: Int[Tensor, " e"], beside: Int[Tensor, " e"]
+) -> OcclusionEdges:
+    """Of the pixels `edge`, those with sub-positions nearer to the hit of `beside` than to their own."""
+    covered = sub_t.isfinite()
+    others = ((sub_t - t[beside, None]).abs() < (sub_t - t[edge, None]).abs()) & covered & (beside >= 0)[:, None]
+    share = others.float().sum(1) / covered.sum(1).clamp(min=1)
+    rows = torch.nonzero(share)[:, 0]
+    return OcclusionEdges(edge[rows], beside[rows], share[rows])
 
 
 def _beside_silhouette(hit: Bool[Tensor, " r"], camera: Camera) -> Bool[Tensor, " r"]:

@@ -1,7 +1,8 @@
 """Step III: the colour of every pixel that the avatar covers (paper sec. 4, 'Pixel Shading'; composition eq. 14).
 
-Only covered pixels are evaluated (colour.py), with `shading_tolerance` a part of them (coarse_shading.py). What the colour networks
-need of a pose (feature patches, colour tri-planes) is decoded once, when a pixel first needs it, and kept.
+Only covered pixels are evaluated (colour.py), with `shading_tolerance` a part of them (coarse_shading.py); at occlusion edges two
+sheets are mixed (pointmap/occlusion_edges.py). What the colour networks need of a pose (feature patches, colour tri-planes) is decoded
+once, when a pixel first needs it, and kept.
 
 Letters: h w pixels, p covered pixels. Root frame, metres; colours sRGB-encoded.
 """
@@ -40,6 +41,8 @@ class Shading:
 
     image: Float32[Tensor, "h w 4"]
     """Premultiplied sRGB-encoded colour and coverage."""
+    unmixed: Float32[Tensor, "h w 4"]
+    """The same with the colours of the point map's points alone, before the sheets at occlusion edges are mixed."""
     surface: VisibleSurface
     light: Irradiance
     """What fell on it, root frame."""
@@ -86,7 +89,7 @@ def shade(
         colours.patches = previous.patches.moved(volume.body_frame.code.embedding)
     if previous and exact and previous.surface.view.key() == surface.view.key():
         same = _unchanged(previous.surface, surface)
-        image[same] = previous.image[same]
+        image[same] = previous.unmixed[same]
         wanted = wanted & ~same
     side = pointmap.side
     if settings.shading_tolerance:
@@ -96,7 +99,7 @@ def shade(
         wanted = wanted & ~first
         wanted = wanted & ~interpolate(image, wanted, pointmap, side, settings.shading_tolerance)
     _evaluate(image, wanted, surface, side, colours)
-    return Shading(image, surface, light, colours.patches, known, settings)
+    return Shading(pointmap.edges.blended(image), image, surface, light, colours.patches, known, settings)
 
 
 def _evaluate(

@@ -1,5 +1,5 @@
-// Step II, between the passes: list what is covered, and the pixels along silhouettes that need sub-positions: those
-// beside a pixel that differs in being hit, and those of rays that miss the surface by less than a pixel. An invocation for each
+// Step II, between the passes: list what is covered, and the pixels along edges that need sub-positions: those beside a
+// pixel that differs in being hit, those of rays that miss the surface by less than a pixel, and those beside another sheet of it. An invocation for each
 // row of a tile, a bit for each of its pixels: atomic operations are what takes time here. BOXED: which tiles; ANTIALIAS: whether
 // there are sub-positions.
 layout(local_size_x = 8) in;
@@ -12,6 +12,18 @@ uint hits(ivec2 place, int count) {
     uint from = index_of(pixel), found = 0u;
     if (beam_of(pixel) == EMPTY) return found;
     for (uint k = 0u; k < count; ++k) if (ray_t[from + k] != NO_HIT) found |= 1u << k;
+    return found;
+}
+
+// Which of the pixels from `first` on that `both` says are hit, as their neighbours are, lie on another sheet than those.
+uint jumps(uvec2 first, ivec2 beside, uint both) {
+    uint found = 0u;
+    for (uint k = 0u; k < 8u; ++k) {
+        if ((both >> k & 1u) == 0u) continue;
+        uvec2 pixel = first + uvec2(k, 0);
+        float t = ray_t[index_of(pixel)], other = ray_t[index_of(uvec2(clamp(ivec2(pixel) + beside, ivec2(0), u_image - 1)))];
+        if (abs(other - t) > sheet_gap(pixel, t)) found |= 1u << k;
+    }
     return found;
 }
 
@@ -52,6 +64,8 @@ void main() {
         uint left = hit << 1 | hits(place - ivec2(1, 0), 1), right = hit >> 1 | hits(place + ivec2(count, 0), 1) << (count - 1);
         uint above = hits(place - ivec2(0, 1), count), below = hits(place + ivec2(0, 1), count);
         edge = (hit & ~(left & right & above & below)) | (~hit & (left | right | above | below | grazes));
+        edge |= jumps(first, NEIGHBOURS[0], hit & left) | jumps(first, NEIGHBOURS[1], hit & right);
+        edge |= jumps(first, NEIGHBOURS[2], hit & above) | jumps(first, NEIGHBOURS[3], hit & below);
         edge &= (1u << count) - 1u;
     }
     uint slot = edge != 0u ? atomicAdd(edge_count, uint(bitCount(edge))) : 0u, shown_in = 0u, edge_in = 0u;  // sets, 4 bits each

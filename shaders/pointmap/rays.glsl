@@ -135,6 +135,15 @@ uint index_of(uvec2 pixel) { return pixel.y * uint(u_image.x) + pixel.x; }
 
 vec2 centre_of(uvec2 pixel) { return vec2(pixel) + 0.5; }
 
+// Occlusion edges: neighbours whose hits are farther apart than this are on two sheets of the surface; in pixel widths, and metres.
+const float SHEET_GAP = 4;  // as in avatarrex/pointmap/occlusion_edges.py
+const ivec2 NEIGHBOURS[4] = ivec2[](ivec2(-1, 0), ivec2(1, 0), ivec2(0, -1), ivec2(0, 1));
+
+float sheet_gap(uvec2 pixel, float t) {
+    vec2 away = centre_of(pixel) - u_middle;
+    return SHEET_GAP * length(u_across) * (1 + t / length(u_gaze + away.x * u_across + away.y * u_down));
+}
+
 // Work groups are tiles of 8 x 8 pixels, each eight invocations 4 x 2 of them: what runs together should look alike.
 uint tiles_across() { return (uint(u_image.x) + 7u) / 8u; }
 

@@ -1,4 +1,4 @@
-// Step II, antialiasing: 4 x 4 rays through each silhouette pixel; one work group of 64 holds four pixels.
+// Step II, antialiasing: 4 x 4 rays through each pixel of an edge; one work group of 64 holds four pixels.
 layout(local_size_x = 64) in;
 #include "pointmap/volume.glsl"
 #include "pointmap/rays.glsl"

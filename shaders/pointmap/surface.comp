@@ -10,9 +10,27 @@ struct Record {
     vec3 normal;
     float coverage;
     float weight[PART_COUNT];  // effective omega
-    float steps;
+    uint walked;    // steps of the centre's ray (STEP_BITS), sub-positions on another sheet (5 bits), and which neighbour shows that
 };
 layout(std430, binding = 12) writeonly buffer Records { Record out_record[]; };
+
+const int STEP_BITS = 20;
+
+// The neighbour, of those that are hit, that is farthest before or behind t, on another sheet; -1 where all are on the same one.
+int other_sheet(uvec2 pixel, float t, out float other) {
+    float most = sheet_gap(pixel, t);
+    int found = -1;
+    for (int k = 0; k < 4; ++k) {
+        ivec2 place = ivec2(pixel) + NEIGHBOURS[k];
+        if (any(lessThan(place, ivec2(0))) || any(greaterThanEqual(place, u_image)) || beam_of(uvec2(place)) == EMPTY) continue;
+        float beside = ray_t[index_of(uvec2(place))];
+        if (beside == NO_HIT || abs(beside - t) <= most) continue;
+        most = abs(beside - t);
+        other = beside;
+        found = k;
+    }
+    return found;
+}
 
 PartTruths boxes_around(vec3 p) {
     PartTruths inside = PartTruths(false);
@@ -29,7 +47,11 @@ void main() {
     bool hit = t != NO_HIT;
     float coverage = hit ? 1 : 0;
     vec2 place = vec2(0.5);
+    uint others = 0u;
+    int sheet = -1;
     if (slot != NO_SLOT) {
+        float other = NO_HIT;
+        if (hit) sheet = other_sheet(pixel, t, other);
         // Where the centre misses, the covered sub-position nearest to it speaks for the pixel.
         float nearest = NO_HIT;
         coverage = 0;
@@ -37,6 +59,7 @@ void main() {
             float sub = sub_t[slot * 16u + k];
             if (sub == NO_HIT) continue;
             coverage += 1.0 / 16;
+            if (sheet >= 0 && abs(sub - other) < abs(sub - t)) ++others;
             vec2 offset = (vec2(k % 4u, k / 4u) + 0.5) / 4;
             float away = dot(offset - 0.5, offset - 0.5);
             if (!hit && away < nearest) { nearest = away; t = sub; place = offset; }
@@ -62,7 +85,7 @@ void main() {
     r.normal = normal / max(length(normal), 1e-12);
     r.coverage = coverage;
     for (int k = 0; k < PART_COUNT; ++k) r.weight[k] = here.weight[k];
-    r.steps = float(ray_walked[index] & STEPS);
+    r.walked = min(ray_walked[index] & STEPS, (1u << STEP_BITS) - 1u) | others << STEP_BITS | uint(max(sheet, 0)) << (STEP_BITS + 5);
     uint before = 0u;
     for (int set = 0; set < int(box_set(PARTS)); ++set) before += lists[LIST_COVERED + set].count;
     out_record[before + gl_GlobalInvocationID.x] = r;

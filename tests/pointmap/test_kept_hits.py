@@ -41,6 +41,9 @@ def needs_opengl() -> None:
 def assert_same(one: PointMap, other: PointMap) -> None:
     for name in IMAGES[:-1]:
         assert torch.equal(getattr(one, name), getattr(other, name)), name
+    orders = one.edges.pixel.argsort(), other.edges.pixel.argsort()
+    for mine, theirs in zip(vars(one.edges).values(), vars(other.edges).values()):
+        assert torch.equal(mine[orders[0]], theirs[orders[1]])
 
 
 def again(then: SdfVolume, now: SdfVolume, camera: Camera) -> tuple[KeptHits, PointMap]:
@@ -56,7 +59,11 @@ def test_what_is_joined_is_what_casting_all_gives(man: SdfVolume, camera: Camera
     kept, joined = again(man, now, camera)
     whole = raycast(now, camera)
     assert_same(joined, whole)
+    if camera is not WITHIN:
+        assert len(whole.edges.among(kept.anew).pixel)
+        assert len(whole.edges.pixel) > 10
     if camera is FRONT:
+        assert len(whole.edges.among(~kept.anew).pixel)
         assert kept.anew.float().mean() < 0.2
         assert not torch.equal(whole.position, kept.pointmap.position)
 

@@ -31,7 +31,7 @@ def test_what_an_arm_touches_is_coloured_without_the_arm() -> None:
     frame = render_frame(avatar, CROSSED, Camera.orbit(0, 0, 0.7, 28, aim, 96, 96), RenderSettings())
     pointmap, volume = frame.pointmap, frame.volume
     seen = pointmap.hit & (pointmap.coverage == 1) & (pointmap.part_weight.sum(-1) == 0)
-    position, image = pointmap.position[seen], frame.image[seen][:, :3]
+    position, image = pointmap.position[seen], frame.shading.unmixed[seen][:, :3]
     centre = torch.as_tensor(frame.camera.seen_from(posed.world_from_root(CROSSED)).centre, dtype=torch.float32)
     gaze = torch.nn.functional.normalize(position - centre, dim=-1)
     side = sides(volume.sdf, position)

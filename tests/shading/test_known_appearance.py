@@ -244,8 +244,8 @@ def test_a_pixel_whose_share_changed_or_in_a_contact_box_of_a_moved_hand_is_shad
     moved = render_deferred(
         avatar, still.replace(left_hand_pose=0.1 * named_hand("fist", "left")), camera, settings, frame
     )
-    poisoned = replace(frame.shading, image=torch.full_like(frame.shading.image, 7.0))
-    kept = (shade(avatar, moved.surface, poisoned.light, Counters(), poisoned, settings).image == 7).all(-1)
+    poisoned = replace(frame.shading, unmixed=torch.full_like(frame.shading.unmixed, 7.0))
+    kept = (shade(avatar, moved.surface, poisoned.light, Counters(), poisoned, settings).unmixed == 7).all(-1)
     (box,) = (box for box in moved.surface.volume.sdf.parts if box.name == "left_hand")
     assert box.contact
     there = box.holds(moved.pointmap.position.reshape(-1, 3)).reshape(kept.shape)
@@ -256,7 +256,7 @@ def test_a_pixel_whose_share_changed_or_in_a_contact_box_of_a_moved_hand_is_shad
     share = moved.pointmap.part_weight.clone()
     share[row, column, 2] += 0.01
     then = replace(poisoned, surface=replace(moved.surface, pointmap=replace(moved.pointmap, part_weight=share)))
-    again = (shade(avatar, moved.surface, then.light, Counters(), then, settings).image == 7).all(-1)
+    again = (shade(avatar, moved.surface, then.light, Counters(), then, settings).unmixed == 7).all(-1)
     assert not again[row, column]
     assert again.sum() == (moved.pointmap.coverage > 0).sum() - 1
 
