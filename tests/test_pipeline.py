@@ -10,14 +10,17 @@ from avatarrex.avatar import Avatar
 from avatarrex.avatar_file import load_avatar
 from avatarrex.camera import Camera
 from avatarrex.errors import InputError
-from avatarrex.frame import Frame
+from avatarrex.frame import DeferredFrame, Frame
 from avatarrex.levels import DEFERRED_LEVELS, level
 from avatarrex.ops.native import threads
 from avatarrex.pipeline import render_frame
+from avatarrex.pointmap.occlusion_edges import OcclusionEdges
 from avatarrex.pointmap.raycast import available
 from avatarrex.settings import RenderSettings
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.library import named_expression, named_hand, named_pose
+from avatarrex.stage.lighting import lit
+from avatarrex.stage.stage import Stage
 
 SETTINGS = RenderSettings(raycast="torch", part_voxel=0.01, antialias=False)
 FIRST = Signals.rest().replace(body_pose=named_pose("stand"))
@@ -252,3 +255,20 @@ def test_edges_that_stay_are_mixed_once(avatar: Avatar) -> None:
     alone = render_frame(avatar, smiling, view, settings)
     assert frame.counters["pixels_shaded"] < alone.counters["pixels_shaded"]
     torch.testing.assert_close(frame.image, alone.image, atol=1e-6, rtol=0)
+
+
+@pytest.mark.skipif("gl" not in available(), reason="no OpenGL 4.3 here")
+def test_sheets_are_lit_before_they_are_mixed(avatar: Avatar) -> None:
+    """An arm throws its shadow onto the chest: the chest's share of a pixel at the arm's rim is dark."""
+    settings, view = replace(SETTINGS, raycast="gl", antialias=True), Camera.orbit(15, 5, 1.2, 40, (0, 0.25, 0), 64, 64)
+    signals = Signals.rest().replace(body_pose=named_pose("crossed_arms"))
+    frame = render_frame(avatar, signals, view, settings)
+    assert isinstance(frame, DeferredFrame)
+    light, edges = Stage(shown=True).light, frame.pointmap.edges
+    assert light
+    bare = replace(frame, surface=replace(frame.surface, pointmap=replace(frame.pointmap, edges=OcclusionEdges.none())))
+    (image,), (unmixed,) = (lit([one], light)[0] for one in (frame, bare))
+    torch.testing.assert_close(image, edges.blended(unmixed), atol=1e-6, rtol=0)
+    gain = unmixed[..., :3].sum(-1) / frame.shading.unmixed[..., :3].sum(-1)
+    apart = (gain.flatten()[edges.pixel] - gain.flatten()[edges.beside]).abs()
+    assert apart.max() > 0.2

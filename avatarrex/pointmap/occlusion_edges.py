@@ -1,5 +1,7 @@
 """Pixels in which the surface hides a farther part of itself: two sheets are seen there, and their colours are mixed.
 
+A sheet ends where depth jumps, or falls away as steeply: close up, the rim of a limb counts as one, too, and its colours are smoothed.
+
 At a silhouette the other sheet is the background, and coverage says how much of the pixel is left to it. At an occlusion edge it is the
 surface of a neighbouring pixel, whose colour is at hand once pixels are shaded.
 
@@ -15,10 +17,9 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 SHEET_GAP = 4.0
-"""Pixel widths between the hits of two neighbours from which they are on two sheets: a plane would lean 76° away. As `SHEET_GAP` in
-shaders/pointmap/rays.glsl."""
+"""Pixel widths between the hits of two neighbours from which they are on two sheets: a plane would lean 76° away."""
 NEIGHBOURS = ((-1, 0), (1, 0), (0, -1), (0, 1))
-"""Columns and rows to the pixels whose sheets are looked at; as there."""
+"""Columns and rows to the pixels whose sheets are looked at; as in shaders/pointmap/rays.glsl."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +35,7 @@ class OcclusionEdges:
 
     @classmethod
     def none(cls) -> OcclusionEdges:
-        """Of a point map without antialiasing."""
+        """Of a ray caster that looks for none."""
         return cls(torch.zeros(0, dtype=torch.int64), torch.zeros(0, dtype=torch.int64), torch.zeros(0))
 
     def among(self, wanted: Bool[Tensor, "h w"]) -> OcclusionEdges:

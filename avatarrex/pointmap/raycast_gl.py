@@ -1,4 +1,4 @@
-"""The raycast as GLSL compute passes (shaders/pointmap): beams, trace, exact walk, silhouettes, surface.
+"""The raycast as GLSL compute passes (shaders/pointmap): beams, trace, exact walk, edges, sub-rays, surface.
 
 Between the passes the rays that need more work are compacted into lists and dispatched indirectly; only the records of
 covered pixels are read back, and only volumes that changed are uploaded.
@@ -18,7 +18,7 @@ from avatarrex.camera import Camera
 from avatarrex.gl.context import current_context, gl_context, per_context, renderer_name
 from avatarrex.gl.grids import GridTextures
 from avatarrex.gl.shader import compute_shader
-from avatarrex.pointmap.occlusion_edges import NEIGHBOURS, OcclusionEdges
+from avatarrex.pointmap.occlusion_edges import NEIGHBOURS, SHEET_GAP, OcclusionEdges
 from avatarrex.pointmap.point_map import CoveredPixels, PointMap
 from avatarrex.pointmap.rays import RayPlane, box_window
 from avatarrex.templates.parts import PARTS
@@ -67,8 +67,10 @@ TRACE_LIST, EXACT_LIST, COVERED_LIST, EDGE_LIST = (2 + k * len(BOXES) for k in r
 """Pixels of each kind come once for each of `BOXES`."""
 PART_UNIT, CONTACT_UNIT = 3, 3 + len(PARTS)
 """Texture units from which there is one for each part; before them the body, and numbers of bricks."""
-PART_SLOTS = {"PART_COUNT": len(PARTS), "CONTACT_UNIT": CONTACT_UNIT}
-"""Constants of every pass."""
+STEP_BITS = 20
+"""Of `walked` in `RECORD`: steps; above them five bits of sub-positions on another sheet, then the neighbour that shows it."""
+PART_SLOTS = {"PART_COUNT": len(PARTS), "CONTACT_UNIT": CONTACT_UNIT, "SHEET_GAP": SHEET_GAP, "STEP_BITS": STEP_BITS}
+"""Constants of every pass, with what occlusion_edges.py says of sheets."""
 LIST = np.dtype([("groups", "u4"), ("one", "u4"), ("also_one", "u4"), ("count", "u4")])
 LISTS = np.dtype([("lists", LIST, EDGE_LIST + len(BOXES)), ("steps", "u4"), ("edges", "u4")])
 """Mirrors `buffer Lists` of shaders/pointmap/rays.glsl."""
@@ -84,8 +86,6 @@ RECORD = np.dtype(
     ]
 )
 """Mirrors `struct Record` of shaders/pointmap/surface.comp."""
-STEP_BITS = 20
-"""Of `walked`: steps; above them five bits of sub-positions on another sheet, then the neighbour that shows it."""
 HIT_BIT = -(1 << 31)
 """Of a pixel's number as a signed one."""
 T, BEAM, RECORDS = 4, 8, 10

@@ -43,8 +43,8 @@ class SurfaceOffsets:
     eyes_stay: bool = False
     """Whether eyes and lids stay at the eyes' joints, whatever the skin around does; False in the files of before."""
     limbs_apart: bool = False
-    """Whether a vertex follows the nearest offsets of its own limb or finger, smoothly (`places`); False in the files of fits before
-    2026-11-30, of offsets that were 6 cm apart."""
+    """Whether a vertex follows the nearest offsets in `places`, which are nearly all of its own limb or finger; False in the files of
+    fits before 2026-11-30, of offsets that were 6 cm apart."""
 
     def __post_init__(self) -> None:
         value = np.asarray(self.offsets, dtype=np.float64)
@@ -53,25 +53,27 @@ class SurfaceOffsets:
         object.__setattr__(self, "offsets", value)
 
     def weights(self, body: TemplateModel) -> csr_array:
-        """(v, n) at the rest vertices of the original `body`, sum 1, of the `NEAREST` offsets.
+        """(v, n) at the rest vertices of the original `body`, of the `NEAREST` offsets; sum 1, less about eyes that stay.
 
         (1 − (d/D)²)² with D the distance of the next one, so that an offset's weight is zero where another takes its turn; in the files
         of before Gaussians.
         """
-        if min(self.vertices) < 0 or max(self.vertices) >= len(body.v_template) or len(self.vertices) <= NEAREST:
-            found = f"{NEAREST + 1} or more indices below {len(body.v_template)}"
-            raise InputError("person fit", "surface.vertices", found, self.vertices[:8])
+        least, most = NEAREST + int(self.limbs_apart), len(body.v_template) - 1
+        if min(self.vertices) < 0 or max(self.vertices) > most or len({*self.vertices}) < least:
+            expected = f"{least} or more different indices, 0 to {most}"
+            raise InputError("person fit", "surface.vertices", expected, self.vertices[:8])
         place = places(body) if self.limbs_apart else body.v_template.double().numpy()
-        away, nearest = cKDTree(place[list(self.vertices)]).query(place, NEAREST + 1)
+        away, nearest = cKDTree(place[list(self.vertices)]).query(place, least)
+        nearest = nearest[:, :NEAREST]
         if self.limbs_apart:
-            value = (1 - (away[:, :-1] / away[:, -1:]) ** 2) ** 2 + 1e-9
+            value = (1 - (away[:, :-1] / away[:, -1:].clip(1e-9)) ** 2) ** 2 + 1e-9
         else:
-            value = np.exp(-0.5 * (away[:, :-1] / SPREAD_SIGMA) ** 2) + 1e-9
+            value = np.exp(-0.5 * (away / SPREAD_SIGMA) ** 2) + 1e-9
         value /= value.sum(1, keepdims=True)
         if self.eyes_stay:
             value *= 1 - sum(_near_eyes(body).values(), np.zeros(len(place)))[:, None]
         rows = np.repeat(np.arange(len(place)), NEAREST)
-        return csr_array((value.ravel(), (rows, nearest[:, :-1].ravel())), shape=(len(place), len(self.vertices)))
+        return csr_array((value.ravel(), (rows, nearest.ravel())), shape=(len(place), len(self.vertices)))
 
     def moved(self, body: TemplateModel) -> np.ndarray:
         """(v, 3) what vertices of the original `body` move by."""

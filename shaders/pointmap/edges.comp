@@ -1,6 +1,6 @@
-// Step II, between the passes: list what is covered, and the pixels along edges that need sub-positions: those beside a
-// pixel that differs in being hit, those of rays that miss the surface by less than a pixel, and those beside another sheet of it. An invocation for each
-// row of a tile, a bit for each of its pixels: atomic operations are what takes time here. BOXED: which tiles; ANTIALIAS: whether
+// Step II, between the passes: list what is covered, and the pixels along edges that need sub-positions: those beside a pixel
+// that differs in being hit, those of rays that miss the surface by less than a pixel, and those beside another sheet of it. An
+// invocation for each row of a tile, a bit for each of its pixels: atomic operations are what takes time here. BOXED: which tiles; ANTIALIAS: whether
 // there are sub-positions.
 layout(local_size_x = 8) in;
 #include "pointmap/volume.glsl"

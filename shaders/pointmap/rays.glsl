@@ -135,9 +135,8 @@ uint index_of(uvec2 pixel) { return pixel.y * uint(u_image.x) + pixel.x; }
 
 vec2 centre_of(uvec2 pixel) { return vec2(pixel) + 0.5; }
 
-// Occlusion edges: neighbours whose hits are farther apart than this are on two sheets of the surface; in pixel widths, and metres.
-const float SHEET_GAP = 4;  // as in avatarrex/pointmap/occlusion_edges.py
-const ivec2 NEIGHBOURS[4] = ivec2[](ivec2(-1, 0), ivec2(1, 0), ivec2(0, -1), ivec2(0, 1));
+// Occlusion edges: neighbours whose hits are farther apart than SHEET_GAP pixel widths are on two sheets of the surface.
+const ivec2 NEIGHBOURS[4] = ivec2[](ivec2(-1, 0), ivec2(1, 0), ivec2(0, -1), ivec2(0, 1));  // as in occlusion_edges.py
 
 float sheet_gap(uvec2 pixel, float t) {
     vec2 away = centre_of(pixel) - u_middle;
@@ -162,6 +161,22 @@ bool in_picture(uvec2 pixel) { return all(lessThan(pixel, uvec2(u_image))); }
 uint tile_entry(uint row, uint boxed) { return boxed == 0u ? row : tile_count() - 1u - row; }
 
 float beam_of(uvec2 pixel) { return beam_free[(pixel.y >> 3) * tiles_across() + (pixel.x >> 3)]; }
+
+// The neighbour, of those that are hit, that is farthest before or behind t, on another sheet; -1 where all are on the same one.
+int other_sheet(uvec2 pixel, float t, out float other) {
+    float most = sheet_gap(pixel, t);
+    int found = -1;
+    for (int k = 0; k < 4; ++k) {
+        ivec2 place = ivec2(pixel) + NEIGHBOURS[k];
+        if (any(lessThan(place, ivec2(0))) || any(greaterThanEqual(place, u_image)) || beam_of(uvec2(place)) == EMPTY) continue;
+        float beside = ray_t[index_of(uvec2(place))];
+        if (beside == NO_HIT || abs(beside - t) <= most) continue;
+        most = abs(beside - t);
+        other = beside;
+        found = k;
+    }
+    return found;
+}
 
 // t from which a pixel's ray may meet something: the body where its beam ends, a part not before its box.
 float start_of(uvec2 pixel, Ray ray) {

@@ -10,12 +10,13 @@ void main() {
     if (row >= lists[LIST_EDGE + int(set)].count) return;
     uint slot = edge_slots[set * u_slots + row];
     uvec2 pixel = place_of(edge_pixels[slot]);
-    // Where the pixel's centre hits, its sub-rays are only counted.
+    // Where the pixel's centre hits and no neighbour shows another sheet, its sub-rays are only counted.
     Ray ray = ray_through(vec2(pixel) + (vec2(k % 4u, k / 4u) + 0.5) / 4);
     uint index = index_of(pixel);
-    bool close = ray_t[index] == NO_HIT;
+    float t = ray_t[index], other;
+    bool misses = t == NO_HIT, close = misses || other_sheet(pixel, t, other) >= 0;
     vec2 free = ray_free[index];
-    Hit hit = march(ray, free.x, close ? free.y : NOWHERE, close);
+    Hit hit = march(ray, free.x, misses ? free.y : NOWHERE, close);
     sub_t[slot * 16u + k] = hit.t;
     atomicAdd(tally_steps, hit.steps);
 }

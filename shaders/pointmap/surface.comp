@@ -10,27 +10,9 @@ struct Record {
     vec3 normal;
     float coverage;
     float weight[PART_COUNT];  // effective omega
-    uint walked;    // steps of the centre's ray (STEP_BITS), sub-positions on another sheet (5 bits), and which neighbour shows that
+    uint walked;    // steps of the centre's ray (STEP_BITS), sub-positions on another sheet (5 bits), which neighbour shows that
 };
 layout(std430, binding = 12) writeonly buffer Records { Record out_record[]; };
-
-const int STEP_BITS = 20;
-
-// The neighbour, of those that are hit, that is farthest before or behind t, on another sheet; -1 where all are on the same one.
-int other_sheet(uvec2 pixel, float t, out float other) {
-    float most = sheet_gap(pixel, t);
-    int found = -1;
-    for (int k = 0; k < 4; ++k) {
-        ivec2 place = ivec2(pixel) + NEIGHBOURS[k];
-        if (any(lessThan(place, ivec2(0))) || any(greaterThanEqual(place, u_image)) || beam_of(uvec2(place)) == EMPTY) continue;
-        float beside = ray_t[index_of(uvec2(place))];
-        if (beside == NO_HIT || abs(beside - t) <= most) continue;
-        most = abs(beside - t);
-        other = beside;
-        found = k;
-    }
-    return found;
-}
 
 PartTruths boxes_around(vec3 p) {
     PartTruths inside = PartTruths(false);

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.sparse import csr_array
+from scipy.spatial import cKDTree
 
 from avatarrex.capture.fit import surface_fit
 from avatarrex.errors import InputError
@@ -72,10 +73,21 @@ def test_weights_sum_to_one_and_nodes_are_as_near_as_told(person: Person, field:
     np.testing.assert_allclose(near_eyes.sum(1), 1, atol=1e-12)
     assert (near_eyes.data >= 0).all()
     place = places(person.body)
-    away = np.sqrt(((place[:, None] - place[field.nodes][None, :, :]) ** 2).sum(-1)).min(1)
+    away = cKDTree(place[field.nodes]).query(place)[0]
     hand = person.hand_weight.numpy() > 0
     assert away[hand].max() < surface_fit.HAND_NODE_SPACING
     assert surface_fit.HAND_NODE_SPACING < away[~hand].max() < surface_fit.NODE_SPACING
+
+
+def test_offsets_that_are_too_few_or_elsewhere_are_named(person: Person) -> None:
+    def weights(*vertices: int, apart: bool = True) -> csr_array:
+        return SurfaceOffsets(vertices, np.zeros((len(vertices), 3)), limbs_apart=apart).weights(person.body)
+
+    assert weights(*range(0, 800, 100), apart=False).shape == (len(person.body.weights), 8)
+    assert np.isfinite(weights(*range(0, 900, 100), *[5] * 9).data).all()
+    for broken in (range(0, 800, 100), [5] * 20, [*range(0, 900, 100), 10**6], [*range(0, 900, 100), -1]):
+        with pytest.raises(InputError, match=r"surface\.vertices"):
+            weights(*broken)
 
 
 def test_the_file_says_which(field: surface_fit._Field) -> None:

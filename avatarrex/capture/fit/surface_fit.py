@@ -35,8 +35,8 @@ EDGE_SEARCH = 0.06
 OUTLIERS = (0.06, 0.04, 0.03, 0.02)
 """Metres, by round, at which an outline's weight has fallen to ¼ (Geman–McClure)."""
 OUTLINE_SIGMA, NEIGHBOUR_SIGMA, OFFSET_SIGMA = 0.005, 0.02, 0.06
-"""σ_s of an outline, σ_d between neighbours, σ_0 altogether, metres. Found on person_f001 (`docs/capture.md`): σ_d of 8 mm
-leaves 5.6 mm between template and mesh, 15 mm 4.9, 20 mm 4.8."""
+"""σ_s of an outline, σ_d between neighbours, σ_0 altogether, metres. With a σ_d of 12 or 30 mm hands are 0.1 mm farther off or as near
+(`docs/capture.md`)."""
 AtRest = tuple[np.ndarray, np.ndarray, np.ndarray]
 """Of an outline: the edges' ends (k, 2), Mᵀ n (k, 3), the direction at rest that moves it outwards, and s (k,)."""
 

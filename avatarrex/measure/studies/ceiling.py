@@ -247,7 +247,7 @@ class TrueVolumeDrawer:
         colour = self.look(Shown(signals, camera, face, weight, position.numpy(), normal))
         image, coverage = torch.zeros(*covered.shape, 4), points.coverage[covered][:, None]
         image[covered] = torch.cat([colour * coverage, coverage], -1)
-        return Drawing(image, points.position.numpy(), points.normal.numpy(), points.hit.numpy())
+        return Drawing(points.edges.blended(image), points.position.numpy(), points.normal.numpy(), points.hit.numpy())
 
 
 @dataclass(frozen=True, eq=False)
