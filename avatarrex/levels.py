@@ -15,7 +15,7 @@ from avatarrex.errors import InputError
 from avatarrex.settings import RenderSettings
 
 DEFERRED_LEVELS: dict[str, RenderSettings] = {
-    "paper": RenderSettings(everywhere=True, part_voxel=0.005, march="fixed", antialias=False, thin=0),
+    "paper": RenderSettings(everywhere=True, part_voxel=0.005, march="fixed", antialias=False, thin=0, prefilter=False),
     "fast": RenderSettings(part_voxel=0.005, antialias=False, thin=0),
     "balanced": RenderSettings(),
     "fine": RenderSettings(bricks=2),

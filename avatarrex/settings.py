@@ -34,6 +34,8 @@ class RenderSettings:
     thin: int = 2
     """Body voxels about forearms and wrists are cut into this many along each side, whatever a view meets (volume/thin_limbs.py), where
     `bricks` is 0; 0: none is."""
+    prefilter: bool = True
+    """Whether body voxels are stored so that interpolation between them is right on average (volume/prefilter.py), where `bricks` is 0."""
     raycast: str = "auto"
     """`auto`, `gl`, `torch` or `reference`."""
     march: str = "exact"

@@ -10,7 +10,7 @@ Letters: m bricks, z y x coarse cells, p points. Root frame, metres, negative in
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -62,6 +62,12 @@ class Bricks:
     def none(side: int, sdf: np.ndarray) -> Bricks:
         """No bricks yet of side³ voxels in a grid `sdf` (z, y, x)."""
         return Bricks.of(side, np.zeros(0, dtype=np.int64), np.zeros((0, *(side + 1,) * 3), dtype=np.float32), sdf)
+
+    def within(self, sdf: Float32[Tensor, "z y x"]) -> Bricks:
+        """The same bricks in another grid of the same shape."""
+        atlas, (z, y, x) = self.atlas.clone(), sdf.shape
+        atlas[:z, :y, :x] = sdf
+        return replace(self, atlas=atlas)
 
     def sample(self, place: Float[Tensor, "p 3"]) -> tuple[Int[Tensor, " r"], Float[Tensor, " r"]]:
         """Which points, in coarse voxel coordinates inside the grid, lie in bricks (r,), and their values (r,)."""

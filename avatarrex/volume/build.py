@@ -28,6 +28,7 @@ from avatarrex.volume.body_grid import build_body_grid, refined
 from avatarrex.volume.bricks import Bricks
 from avatarrex.volume.contact import find_contact
 from avatarrex.volume.part_box import UnplacedBox, build_part_box
+from avatarrex.volume.prefilter import prefiltered
 from avatarrex.volume.sdf_volume import BodyGrid, PartBox, SdfVolume
 from avatarrex.volume.small_components import without_small_components
 from avatarrex.volume.temporal_reuse import ChangedRegion, PreviousGrid, ReusableBody, reuse_unchanged
@@ -55,6 +56,7 @@ class VolumeKey:
     hidden: frozenset[str]
     bricks: int
     thin: int
+    prefilter: bool
 
 
 @dataclass(frozen=True)
@@ -72,7 +74,7 @@ class BuiltBody:
     field: BodyWithoutHands
     grid: BodyGrid
     stored: BodyGrid
-    """`grid` with the bricks of thin limbs."""
+    """`grid` with the bricks of thin limbs, prefiltered."""
     changed: ChangedRegion | None
 
 
@@ -83,9 +85,9 @@ class AvatarVolume:
     sdf: SdfVolume
     body: BodyWithoutHands
     grid: BodyGrid
-    """Without bricks."""
+    """What the field was evaluated to, without bricks."""
     stored: BodyGrid
-    """`grid` with the bricks of thin limbs; those that a view adds are in `sdf` alone."""
+    """`grid` with the bricks of thin limbs, prefiltered; bricks that a view adds are in `sdf` alone."""
     parts: dict[str, BuiltPart]
     changed: ChangedRegion | None
     """Where the body differs from that of the previous frame, some of whose state it reuses; None: it is exact."""
@@ -210,12 +212,17 @@ def _key(
     parts = {name: key(name, settings.part_voxel) for name in PARTS if name not in settings.hidden}
     there = {} if old is None else old.parts
     parts = {name: key for name, key in parts.items() if name not in off_screen or there.get(name) == key}
-    return VolumeKey(body, parts, settings.hidden, settings.bricks, _thin_side(settings))
+    return VolumeKey(body, parts, settings.hidden, settings.bricks, _thin_side(settings), _prefilters(settings))
 
 
 def _thin_side(settings: RenderSettings) -> int:
     """Voxels along the side of a brick of thin limbs; 0: they have none."""
     return 0 if settings.bricks else settings.thin
+
+
+def _prefilters(settings: RenderSettings) -> bool:
+    """Whether the grid is stored prefiltered: not where a view cuts the cells that it meets."""
+    return settings.prefilter and not settings.bricks
 
 
 def _enough(previous: AvatarVolume, settings: RenderSettings) -> bool:
@@ -237,7 +244,7 @@ def _pieces(
         kept = {name: previous.parts[name] for name in key.parts if previous.key.parts.get(name) == key.parts[name]}
         if previous.key.body == key.body and _enough(previous, settings):
             body = BuiltBody(previous.body, previous.grid, previous.stored, previous.changed)
-            if previous.key.thin != key.thin:
+            if (previous.key.thin, previous.key.prefilter) != (key.thin, key.prefilter):
                 body = replace(body, stored=_stored(avatar, body.field, body.grid, settings, counters))
     work = SideBySide()
     common = avatar, posed, settings, counters
@@ -277,9 +284,10 @@ def _body(
 def _stored(
     avatar: Avatar, body: BodyWithoutHands, grid: BodyGrid, settings: RenderSettings, counters: Counters
 ) -> BodyGrid:
-    """`grid` with the bricks of thin limbs that `settings` want."""
+    """`grid` as `settings` want it stored."""
     side = _thin_side(settings)
-    return with_thin_limbs(body, grid, avatar.person.thin_limbs, side, counters) if side else grid
+    stored = with_thin_limbs(body, grid, avatar.person.thin_limbs, side, counters) if side else grid
+    return prefiltered(stored) if _prefilters(settings) else stored
 
 
 def _prepared(previous: AvatarVolume | None, key: VolumeKey, name: str) -> PartState | None:

@@ -107,7 +107,7 @@ def test_hidden_parts_are_not_there(avatar: Avatar) -> None:
 def seen_as(frame: Frame, pointmap: PointMap, image: torch.Tensor) -> Frame:
     """`frame` with another point map and picture."""
     surface = replace(frame.surface, pointmap=pointmap)
-    return replace(frame, surface=surface, shading=replace(frame.shading, image=image))
+    return replace(frame, surface=surface, shading=replace(frame.shading, image=image, unmixed=image))
 
 
 def test_the_report_measures_what_was_done_to_a_frame(oracle: Oracle, fine: Frame) -> None:

@@ -36,7 +36,9 @@ def test_the_fast_frame_is_the_reference_frame(target: str) -> None:
     camera = Camera.orbit(20, 5, distance, 40, where, 64, 64)
     # The face's ω is queried at every other voxel of its box: of 12.5 mm that moves eight rays at the outline of a close-up.
     parts = {"part_voxel": 0.018} if target == "person" else {"part_voxel": 0.00625, "hidden": HANDS}
-    settings = RenderSettings(voxel=0.04, antialias=False, thin=0, **parts)  # the reference stores no bricks
+    settings = RenderSettings(
+        voxel=0.04, antialias=False, thin=0, prefilter=False, **parts
+    )  # the reference stores neither
     reference, pointmap = render_reference(avatar, SIGNALS, camera, settings)
     fast = render_frame(avatar, SIGNALS, camera, settings)
     both = fast.pointmap.hit & pointmap.hit

@@ -24,7 +24,7 @@ from avatarrex.volume.composed_field import ComposedField, PlacedPart, composed_
 from avatarrex.volume.sdf_volume import sample
 
 HIP = Signals.rest().replace(body_pose=named_pose("hands_on_hips"))
-SETTINGS = RenderSettings(part_voxel=0.01)
+SETTINGS = RenderSettings(prefilter=False, part_voxel=0.01)
 
 
 @pytest.fixture(scope="module")

@@ -22,7 +22,7 @@ from avatarrex.volume.build import AvatarVolume, build_volume
 from avatarrex.volume.narrow_band import crossed
 from avatarrex.volume.sdf_volume import distance
 
-SETTINGS = RenderSettings(hidden=frozenset((*HANDS, "face")))
+SETTINGS = RenderSettings(prefilter=False, hidden=frozenset((*HANDS, "face")))
 
 
 @pytest.fixture(scope="module")

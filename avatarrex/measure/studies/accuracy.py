@@ -36,6 +36,7 @@ from avatarrex.signals.driving import Signals
 from avatarrex.signals.limits import random_signals
 from avatarrex.signals.read import read_motion
 from avatarrex.volume.lattice import Lattice
+from avatarrex.volume.prefilter import prefiltered
 from avatarrex.volume.sdf_volume import PartBox, SdfVolume
 
 SEED, SIZE = 7, 512
@@ -118,7 +119,8 @@ def exact_volume(volume: SdfVolume, target: PosedSubject) -> SdfVolume:
     grid = volume.body
     z, y, x = grid.sdf.shape
     body = exact(grid.sdf, Lattice(grid.origin, grid.voxel, (z, y, x)), np.eye(4), target)
-    return SdfVolume(replace(grid, sdf=body, bricks=None), tuple(exact_part(part, target) for part in volume.parts))
+    stored = prefiltered(replace(grid, sdf=body, bricks=None))
+    return SdfVolume(stored, tuple(exact_part(part, target) for part in volume.parts))
 
 
 def exact_part(part: PartBox, target: PosedSubject) -> PartBox:

@@ -63,6 +63,7 @@ from avatarrex.training.core.projection import FACING, OPAQUE, Projected, paint
 from avatarrex.volume.body_grid import BOX_MARGIN, lattice_around
 from avatarrex.volume.bricks import Bricks, grow_bricks
 from avatarrex.volume.narrow_band import crossed
+from avatarrex.volume.prefilter import prefiltered
 from avatarrex.volume.sdf_volume import BodyGrid, SdfVolume
 
 SPACING = {"body": 0.002, "face": 0.001}
@@ -142,7 +143,7 @@ class TrueMeshes:
         cells = np.ravel_multi_index(tuple(met.T), tuple(side - 1 for side in sdf.shape))
         none = Bricks.none(finer.side, sdf)
         bricks = grow_bricks(sdf, grid.voxel, none, cells, lambda place: distance(grid.origin + grid.voxel * place))
-        return SdfVolume(replace(grid, bricks=bricks))
+        return SdfVolume(prefiltered(replace(grid, bricks=bricks)))
 
     def _parts(self, signals: Signals) -> Float[np.ndarray, "k 3"]:
         """Vertices of the template's hands and face."""
