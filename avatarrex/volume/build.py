@@ -131,7 +131,7 @@ def build_volume(
     body, parts = _pieces(avatar, posed, settings, counters, previous, key)
     boxes = []
     for name, part in parts.items():
-        if previous and body.grid is previous.grid and previous.parts.get(name) is part:
+        if previous and body.stored is previous.stored and previous.parts.get(name) is part:
             boxes.append(next(box for box in previous.sdf.parts if box.name == name))
         else:
             boxes.append(_place(body, part.box, posed.root_from_part(name), counters))
@@ -148,7 +148,10 @@ def refine_volume(
 ) -> AvatarVolume:
     """`volume` with bricks of side³ voxels in the body cells `cells` (flat), besides those that `previous` has."""
     kept = previous.sdf.body.bricks if previous and previous.grid is volume.grid else None
-    kept = kept if kept and kept.side == side else Bricks.none(side, volume.grid.sdf.numpy())
+    if kept is None or kept.side != side:
+        kept = Bricks.none(side, volume.grid.sdf.numpy())
+    elif previous and previous.sdf.body.sdf is not volume.grid.sdf:
+        kept = kept.within(volume.grid.sdf)
     grid = refined(volume.body, volume.grid, cells, kept, counters)
     if grid.bricks is volume.sdf.body.bricks:
         return volume
@@ -315,5 +318,5 @@ def _place(body: BuiltBody, part: UnplacedBox, root_from_part: np.ndarray, count
     part_from_box = np.eye(4)
     part_from_box[:3, 3] = part.origin
     box_from_root = np.linalg.inv(root_from_part @ part_from_box)
-    contact = find_contact(body.field, body.grid, part, root_from_part, counters)
+    contact = find_contact(body.field, body.grid, body.stored, part, root_from_part, counters)
     return PartBox(part.name, box_from_root, part.voxel, part.field, contact)

@@ -46,11 +46,15 @@ def faded(apart: Float[Tensor, "p 2"], whole: Float[Tensor, " p"], share: Float[
 def find_contact(
     body: BodyWithoutHands,
     grid: BodyGrid,
+    stored: BodyGrid,
     part: UnplacedBox,
     root_from_part: np.ndarray,
     counters: Counters,
 ) -> Contact | None:
-    """Evaluate `own` and `others` in the box of `part` when another limb is in it, else None."""
+    """Evaluate `own` and `others` in the box of `part` when another limb is in it, else None.
+
+    `grid` has the field's values; both limbs take along what `stored` differs from it by (prefilter.py), as the body around the box does.
+    """
     corners, part_from_root = part.lattice.corners(), np.linalg.inv(root_from_part)
     low, high = corners.min(0), corners.max(0)
     limbs = body.limbs(part.name, part_from_root, low, high)
@@ -68,7 +72,9 @@ def find_contact(
     points = torch.as_tensor(position, dtype=torch.float32)
     pairs = body.field.pairs(body.frame, points)
     apart = limbs.own_and_others(points, pairs)
-    values = faded(apart, grid.sdf.flatten()[index], split_share(local, low, high).float())
+    whole = grid.sdf.flatten()[index]
+    change = stored.sdf.flatten()[index] - whole
+    values = faded(apart, whole, split_share(local, low, high).float()) + change[:, None]
     counters.add("voxels_evaluated", 2 * len(index))
     counters.add("local_mlp_evaluations", len(pairs.point))
     shape = tuple(int(n) for n in last - first + 1)

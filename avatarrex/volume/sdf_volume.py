@@ -31,7 +31,8 @@ class BodyGrid:
     bricks: Bricks | None = None
     """Cells that are stored more finely than `sdf`."""
     known: Bool[np.ndarray, "z y x"] | None = None
-    """Voxels that the field was evaluated at; the others store a lower bound of the distance."""
+    """Voxels that the field was evaluated at; the others store a lower bound of the distance. Where the grid is prefiltered (prefilter.py)
+    known voxels store other values than the field's."""
 
     def __post_init__(self) -> None:
         require_finite("volume", body=self.sdf)

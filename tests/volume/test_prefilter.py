@@ -20,9 +20,9 @@ from avatarrex.settings import RenderSettings
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.library import named_pose
 from avatarrex.volume.bricks import Bricks
-from avatarrex.volume.build import build_volume
+from avatarrex.volume.build import build_volume, refine_volume
 from avatarrex.volume.prefilter import LEAST, MOST, prefiltered
-from avatarrex.volume.sdf_volume import BodyGrid, SdfVolume
+from avatarrex.volume.sdf_volume import BodyGrid, SdfVolume, sample
 
 VOXEL = 0.02
 LIMB = capsule((0.17, 0.1, 0.23), (0.43, 0.5, 0.37), 0.05)
@@ -105,10 +105,53 @@ def avatar() -> Avatar:
 
 def test_levels_that_have_it(avatar: Avatar) -> None:
     signals, camera = Signals.rest().replace(body_pose=named_pose("stand")), Camera.orbit(20, width=24, height=24)
-    for name, has in {"paper": False, "fast": True, "balanced": True, "fine": False}.items():
-        volume = render_deferred(avatar, signals, camera, replace(level(name), raycast="torch", antialias=False)).volume
-        assert torch.equal(volume.sdf.body.sdf, volume.grid.sdf) is not has, name
-        assert torch.equal(volume.sdf.body.sdf < 0, volume.grid.sdf < 0), name
+    frame = None
+    for name, has in {"paper": False, "fast": True, "balanced": True, "fine": False, "quality": False}.items():
+        frame = render_deferred(avatar, signals, camera, replace(level(name), raycast="torch", antialias=False), frame)
+        volume = frame.volume
+        wanted = prefiltered(volume.grid).sdf if has else volume.grid.sdf
+        assert torch.equal(volume.sdf.body.sdf, wanted), name
+        assert torch.equal(prefiltered(volume.grid).sdf, volume.grid.sdf) is False
+
+
+def test_bricks_that_are_kept_lie_in_the_grid_of_their_level(avatar: Avatar) -> None:
+    """From `balanced` to `fine` and back, of a view that meets no cell but those that have bricks."""
+    signals, camera = Signals.rest().replace(body_pose=named_pose("stand")), Camera.orbit(20, width=24, height=24)
+    settings = replace(level("balanced"), raycast="torch", antialias=False)
+    before = render_deferred(avatar, signals, camera, settings)
+    fine = build_volume(avatar, before.posed, replace(level("fine"), raycast="torch"), Counters(), before.volume)
+    bare = refine_volume(fine, np.zeros(0, np.int64), 2, Counters(), before.volume)
+    back = build_volume(avatar, before.posed, settings, Counters(), bare)
+    for volume in (before.volume, bare, back):
+        body = volume.sdf.body
+        assert body.bricks is not None
+        assert (body.bricks.number > 0).any()
+        z, y, x = body.sdf.shape
+        assert torch.equal(body.bricks.atlas[:z, :y, :x], body.sdf)
+
+
+@pytest.mark.parametrize("name", ["fast", "balanced"])
+def test_nothing_jumps_at_the_faces_of_a_box_in_contact(avatar: Avatar, name: str) -> None:
+    signals, camera = (
+        Signals.rest().replace(body_pose=named_pose("hands_on_hips")),
+        Camera.orbit(20, width=24, height=24),
+    )
+    volume = render_deferred(avatar, signals, camera, replace(level(name), raycast="torch", antialias=False)).volume
+    (box,) = (part for part in volume.sdf.parts if part.name == "left_hand")
+    assert box.contact
+    rng, out = np.random.default_rng(0), np.linalg.inv(box.box_from_root)
+    jumps = []
+    for axis in range(3):
+        for end, step in ((0.0, -1e-5), (float(box.size[axis]), 1e-5)):
+            place = rng.uniform(0, 1, (4000, 3)) * box.size
+            place[:, axis] = end
+            aside = np.zeros(3)
+            aside[axis] = step
+            sides = (torch.from_numpy((place + k * aside) @ out[:3, :3].T + out[:3, 3]) for k in (-1, 1))
+            inner, outer = (sample(volume.sdf, one).composed.sdf for one in sides)
+            jumps.append((inner - outer)[outer.abs() < 0.005])
+    assert len(torch.cat(jumps)) > 100
+    assert torch.cat(jumps).abs().median() < 5e-5
 
 
 def test_a_frame_is_nearer_to_the_fine_one(avatar: Avatar) -> None:

@@ -23,6 +23,7 @@ from avatarrex.capture.fit.check import posed_in_world
 from avatarrex.capture.fit.outlines import EDGE_SHARE, Seen, measured, seen_frames
 from avatarrex.capture.readers.rigs import Capture
 from avatarrex.ops.skinning import blend
+from avatarrex.templates.model import EYES, MOUTH, TemplateModel
 from avatarrex.templates.person import Person, load_person, resize_person
 from avatarrex.templates.person_fit import PersonFit, SurfaceOffsets, places
 
@@ -34,9 +35,10 @@ EDGE_SEARCH = 0.06
 """Metres to look for the matte's edge."""
 OUTLIERS = (0.06, 0.04, 0.03, 0.02)
 """Metres, by round, at which an outline's weight has fallen to ¼ (Geman–McClure)."""
-OUTLINE_SIGMA, NEIGHBOUR_SIGMA, OFFSET_SIGMA = 0.005, 0.02, 0.06
-"""σ_s of an outline, σ_d between neighbours, σ_0 altogether, metres. With a σ_d of 12 or 30 mm hands are 0.1 mm farther off or as near
-(`docs/capture.md`)."""
+OUTLINE_SIGMA, OFFSET_SIGMA = 0.005, 0.06
+"""σ_s of an outline, σ_0 altogether, metres."""
+NEIGHBOUR_SIGMA = (0.012, 0.008, 0.005, 0.003)
+"""σ_d between neighbours, metres: the first with which no triangle of the skin turns over (`docs/capture.md`)."""
 AtRest = tuple[np.ndarray, np.ndarray, np.ndarray]
 """Of an outline: the edges' ends (k, 2), Mᵀ n (k, 3), the direction at rest that moves it outwards, and s (k,)."""
 
@@ -56,8 +58,18 @@ def fit_surface(
 
 def fit_to_mattes(person: Person, seen: Sequence[Seen]) -> Person:
     """`person` with its skin moved onto the mattes of somebody of its size. What reading a matte raises is raised."""
-    base, field = load_person(person.name), _Field(load_person(person.name))
     fit = person.fit or PersonFit(np.zeros(10), np.zeros((55, 3)))
+    sized = resize_person(load_person(person.name), PersonFit(fit.shape, fit.joint_offsets))
+    for sigma in NEIGHBOUR_SIGMA:
+        fitted = _fitted(person, fit, seen, sigma)
+        if not turned_over(fitted.body, sized.body).any():
+            break
+    return fitted
+
+
+def _fitted(person: Person, fit: PersonFit, seen: Sequence[Seen], sigma: float) -> Person:
+    """`fit_to_mattes` with σ_d = `sigma`."""
+    base, field = load_person(person.name), _Field(load_person(person.name), sigma)
     offsets = np.zeros((len(field.nodes), 3))
     with tqdm(total=len(OUTLIERS) * len(seen), desc="fit surface", unit="frame", leave=False) as bar:
         for outlier in OUTLIERS:
@@ -74,7 +86,7 @@ def fit_to_mattes(person: Person, seen: Sequence[Seen]) -> Person:
 class _Field:
     """Offsets of a few vertices, spread over all of them."""
 
-    def __init__(self, person: Person) -> None:
+    def __init__(self, person: Person, sigma: float = NEIGHBOUR_SIGMA[0]) -> None:
         place = places(person.body)
         self.nodes = _spread(place, np.where(person.hand_weight > 0, HAND_NODE_SPACING, NODE_SPACING))
         count = len(self.nodes)
@@ -84,7 +96,7 @@ class _Field:
         graph = np.zeros((count, count))
         graph[near[:, :1], near[:, 1:]] = 1
         graph = np.maximum(graph, graph.T)
-        self.stiffness = (np.diag(graph.sum(1)) - graph) / NEIGHBOUR_SIGMA**2 + np.eye(count) / OFFSET_SIGMA**2
+        self.stiffness = (np.diag(graph.sum(1)) - graph) / sigma**2 + np.eye(count) / OFFSET_SIGMA**2
 
     def solve(self, found: list[AtRest], old: np.ndarray, outlier: float) -> np.ndarray:
         """(n, 3) offsets for constraints measured with offsets `old`."""
@@ -109,6 +121,17 @@ def _spread(points: np.ndarray, spacing: np.ndarray) -> np.ndarray:
         if away.max() < 1:
             return np.array(chosen)
         chosen.append(int(away.argmax()))
+
+
+def turned_over(body: TemplateModel, before: TemplateModel) -> np.ndarray:
+    """(f,) triangles of the skin that face the other way than they did `before`: who is nearest to one takes its outside for its inside,
+    however far away. Eyes, teeth and tongue do not count."""
+    normal, then = (
+        np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+        for corner in (model.v_template.double().numpy()[body.faces.numpy()] for model in (body, before))
+    )
+    skin = ~body.of_groups((*EYES, *MOUTH)).numpy()[body.faces.numpy()].any(1)
+    return np.asarray(((normal * then).sum(1) < 0) & skin)
 
 
 def _at_rest(person: Person, seen: Seen) -> AtRest:

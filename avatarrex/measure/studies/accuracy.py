@@ -119,7 +119,7 @@ def exact_volume(volume: SdfVolume, target: PosedSubject) -> SdfVolume:
     grid = volume.body
     z, y, x = grid.sdf.shape
     body = exact(grid.sdf, Lattice(grid.origin, grid.voxel, (z, y, x)), np.eye(4), target)
-    stored = prefiltered(replace(grid, sdf=body, bricks=None))
+    stored = prefiltered(replace(grid, sdf=body, bricks=None, known=None))
     return SdfVolume(stored, tuple(exact_part(part, target) for part in volume.parts))
 
 
