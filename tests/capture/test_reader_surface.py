@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,10 +12,12 @@ from capture.tiny_capture import TinyCapture
 from scipy.spatial import cKDTree
 
 from avatarrex.capture.fit.check import iou, silhouette, template_surface
-from avatarrex.capture.fit.surface_fit import fit_surface
+from avatarrex.capture.fit import surface_fit
+from avatarrex.capture.fit.surface_fit import fit_surface, turned_over
 from avatarrex.capture.readers.rigs import open_capture
 from avatarrex.errors import InputError
 from avatarrex.templates.mesh import vertex_normals
+from avatarrex.templates.model import EYES, MOUTH
 from avatarrex.templates.person import Person, load_person, resize_person
 from avatarrex.templates.person_fit import PersonFit, SurfaceOffsets
 
@@ -85,3 +88,31 @@ def test_surface_offsets_are_part_of_the_fit(stout: Person) -> None:
     broken["surface"] = {"vertices": [1, 2]}
     with pytest.raises(InputError, match=r"avatar\.json: person_fit"):
         PersonFit.from_json(broken, "avatar.json")
+
+
+def test_a_triangle_that_faces_the_other_way_is_found() -> None:
+    body = load_person().body
+    assert not turned_over(body, body).any()
+    skin = int(np.flatnonzero(~body.of_groups((*EYES, *MOUTH)).numpy()[body.faces.numpy()].any(1))[100])
+    eye = int(np.flatnonzero(body.of_groups(EYES).numpy()[body.faces.numpy()].all(1))[5])
+    moved = body.v_template.clone()
+    for face in (skin, eye):
+        a, b, c = (int(vertex) for vertex in body.faces[face])
+        moved[a] = body.v_template[b] + body.v_template[c] - body.v_template[a]  # mirrored across its edge
+    found = turned_over(replace(body, v_template=moved), body)
+    assert found[skin]
+    assert not found[eye]
+
+
+@pytest.mark.slow
+def test_a_skin_that_turns_over_is_fitted_more_stiffly(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As often as a triangle faces the other way, and no more often than there are stiffnesses."""
+    capture = open_capture(TinyCapture.make(("body",), scale=4).zip(tmp_path / "a.zip"))
+    tried: list[float] = []
+    monkeypatch.setattr(surface_fit, "_fitted", lambda person, fit, seen, sigma: tried.append(sigma) or person)
+    for turns in (0, 1, 9):
+        tried.clear()
+        monkeypatch.setattr(surface_fit, "turned_over", lambda body, before: np.array([len(tried) <= turns]))
+        fit_surface(capture, count=1)
+        assert tried == list(surface_fit.NEIGHBOUR_SIGMA[: turns + 1])
+    assert list(surface_fit.NEIGHBOUR_SIGMA) == sorted(surface_fit.NEIGHBOUR_SIGMA, reverse=True)
