@@ -47,6 +47,11 @@ class Frame(ABC):
         """Premultiplied sRGB-encoded colour and coverage, row 0 at the top."""
 
     @property
+    def unmixed(self) -> Float32[Tensor, "h w 4"]:
+        """`image` before sheets of the surface are mixed at occlusion edges: the colours of the point map's points."""
+        return self.image
+
+    @property
     @abstractmethod
     def pointmap(self) -> PointMap:
         """Where the rays meet the avatar, Step II."""
@@ -69,6 +74,11 @@ class DeferredFrame(Frame):
     def image(self) -> Float32[Tensor, "h w 4"]:
         """Premultiplied sRGB-encoded colour and coverage, row 0 at the top."""
         return self.shading.image
+
+    @property
+    def unmixed(self) -> Float32[Tensor, "h w 4"]:
+        """`image` before sheets of the surface are mixed at occlusion edges: the colours of the point map's points."""
+        return self.shading.unmixed
 
     @property
     def posed(self) -> PosedPerson:

@@ -13,7 +13,7 @@ import torch
 from jaxtyping import Bool
 from torch import Tensor
 
-from avatarrex.frame import DeferredFrame, Frame
+from avatarrex.frame import Frame
 from avatarrex.reference.oracle import Oracle
 
 
@@ -74,7 +74,7 @@ def pixel_errors(frame: Frame, oracle: Oracle, among: Bool[Tensor, "h w"] | None
     among = torch.ones_like(exact.hit) if among is None else among
     both = exact.hit & seen.hit & among
     cosine = (seen.normal[both].double() * exact.normal[both].double()).sum(-1).clamp(-1, 1)
-    image = (frame.shading.unmixed if isinstance(frame, DeferredFrame) else frame.image)[both].double()
+    image = frame.unmixed[both].double()
     return PixelErrors(
         1e3 * (seen.depth[both].double() - exact.depth[both].double()).abs().numpy(),
         torch.rad2deg(torch.arccos(cosine)).numpy(),

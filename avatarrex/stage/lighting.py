@@ -70,7 +70,7 @@ def lit(frames: Sequence[DeferredFrame], light: KeyLight, impl: str = "auto") ->
         seen = seen_light(standing, points @ turn.T + place, normals @ turn.T, light, FIGURE_START, impl)
         gain = torch.ones(found.coverage.numel())
         gain[pixel] = torch.from_numpy(figure_gain(seen, light.shadow).astype(np.float32))
-        image = frame.shading.unmixed.float().cpu().clone()
+        image = frame.unmixed.float().cpu().clone()
         image[..., :3] *= gain.view(*found.coverage.shape, 1)
         images.append(found.edges.blended(image))
     return images, floor_light(standing, light, impl) if light.floor else None

@@ -99,13 +99,13 @@ def test_more_silhouettes_than_there_is_room_for_are_not_smoothed(monkeypatch, m
     """A surface that is nothing but edges loses subpixels, never pixels."""
     camera = Camera.orbit(20, 10, 2.6, 40, (0, 0, 0), 40, 40)
     whole, hard = (raycast(man, camera, "gl", antialias=smooth) for smooth in (True, False))
-    monkeypatch.setattr(raycast_gl, "_slots", lambda camera, antialias: 30 if antialias else 0)
+    monkeypatch.setattr(raycast_gl, "_slots", lambda camera, antialias: 60 if antialias else 0)
     few = raycast(man, camera, "gl")
     assert torch.equal(few.hit, whole.hit)
     smoothed = few.coverage != hard.coverage
-    assert 10 < int(smoothed.sum()) <= 30
+    assert 10 < int(smoothed.sum()) <= 60  # occlusion edges take some
     assert torch.equal(few.coverage[smoothed], whole.coverage[smoothed])
-    assert few.counters["rays"] == 40 * 40 + 16 * 30
+    assert few.counters["rays"] == 40 * 40 + 16 * 60
 
 
 def rods(lift, behind=True):
