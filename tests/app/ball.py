@@ -39,6 +39,7 @@ class BallFrame(DeferredFrame):
 
     image = pointmap = volume = view = signals = None
     """Values of its own in place of `DeferredFrame`'s properties."""
+    unmixed = property(lambda self: self.image)
 
     def __init__(self, **values):
         for name, value in values.items():
