@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import SimpleNamespace
 
 import avatarrex_studio.cli.headless  # noqa: F401  its annotations take the true engine, before a test puts another in its place
@@ -13,6 +13,7 @@ from avatarrex_studio.engine.engine import Engine
 from avatarrex.avatar import Avatar
 from avatarrex.counters import NAMES
 from avatarrex.frame import DeferredFrame
+from avatarrex.pointmap.occlusion_edges import OcclusionEdges
 from avatarrex.templates.parts import PARTS
 from avatarrex.templates.person import load_person
 from avatarrex.volume.sdf_volume import BodyGrid, SdfVolume
@@ -32,6 +33,7 @@ class BallMap:
     coverage: torch.Tensor
     part_weight: torch.Tensor
     steps: torch.Tensor
+    edges: OcclusionEdges = field(default_factory=OcclusionEdges.none)
 
 
 class BallFrame(DeferredFrame):
