@@ -57,7 +57,7 @@ def dragged(settings: RenderSettings) -> RenderSettings:
 def level(name: str) -> RenderSettings:
     """The `RenderSettings` of a level: `live`, `paper`, `fast`, `balanced` (what `render` takes unless told), `fine` or `quality`.
 
-    From `fast` to `quality` errors fall and times grow (docs/accuracy.md). Raises `InputError` for a name that is none.
+    From `fast` to `quality` errors of depth fall and times grow (docs/accuracy.md). Raises `InputError` for a name that is none.
     """
     if name not in LEVELS:
         raise InputError("level", "name", " or ".join(LEVELS), name)
