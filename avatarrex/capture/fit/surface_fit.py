@@ -124,8 +124,8 @@ def _spread(points: np.ndarray, spacing: np.ndarray) -> np.ndarray:
 
 
 def turned_over(body: TemplateModel, before: TemplateModel) -> np.ndarray:
-    """(f,) triangles of the skin that face the other way than they did `before`: who is nearest to one takes its outside for its inside,
-    however far away. Eyes, teeth and tongue do not count."""
+    """(f,) triangles of the skin that face the other way than they did `before`: a point whose nearest vertex is theirs has the wrong
+    sign of distance, however far away it is. Eyes, teeth and tongue do not count."""
     normal, then = (
         np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
         for corner in (model.v_template.double().numpy()[body.faces.numpy()] for model in (body, before))
