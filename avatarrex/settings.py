@@ -35,7 +35,7 @@ class RenderSettings:
     """Body voxels about forearms and wrists are cut into this many along each side, whatever a view meets (volume/thin_limbs.py), where
     `bricks` is 0; 0: none is."""
     prefilter: bool = True
-    """Whether body voxels are stored so that interpolation between them is right on average (volume/prefilter.py), where `bricks` is 0."""
+    """Whether body voxels are stored so that interpolation between them is right on average (volume/prefilter.py)."""
     raycast: str = "auto"
     """`auto`, `gl`, `torch` or `reference`."""
     march: str = "exact"

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
-from jaxtyping import Float, Float32, Int
+from jaxtyping import Bool, Float, Float32, Int, Shaped
 from torch import Tensor
 
 from avatarrex.ops.trilinear import trilinear
@@ -37,37 +37,43 @@ class Bricks:
     cell: Int[np.ndarray, " m"]
     """Flat index of each brick's coarse cell."""
     value: Float32[np.ndarray, "m n n n"]
-    """Signed distances at each brick's corners, z y x, n = side + 1."""
+    """The field at each brick's corners, z y x, n = side + 1."""
+    known: Bool[np.ndarray, "m n n n"]
+    """Corners that the field was evaluated at; `value` is interpolated at the others."""
     number: Float32[Tensor, "z y x"]
     """Brick of a cell, counted from 1; 0 where there is none."""
     atlas: Float32[Tensor, "az ay ax"]
-    """The layers of the grid itself and, behind them, all bricks side by side, `ROW` along x, then y, then z: a ray reads either
-    by one look-up."""
+    """What is stored: the layers of the grid itself and, behind them, all bricks side by side, `ROW` along x, then y, then z: a ray
+    reads either by one look-up."""
 
     @staticmethod
-    def of(side: int, cell: np.ndarray, value: np.ndarray, sdf: np.ndarray) -> Bricks:
-        """Bricks of the flat cells (m,) of a grid `sdf` (z, y, x), with their corner values (m, n, n, n)."""
+    def of(side: int, cell: np.ndarray, value: np.ndarray, known: np.ndarray, sdf: np.ndarray) -> Bricks:
+        """Bricks of the flat cells (m,) of a grid `sdf` (z, y, x), with values at their corners (m, n, n, n) and which are `known`."""
         number = np.zeros([size - 1 for size in sdf.shape], dtype=np.float32)
         number.reshape(-1)[cell] = np.arange(1, len(cell) + 1)
-        layers, n = -(-len(cell) // ROW**2), side + 1
-        atlas = np.zeros((max(layers, 1) * ROW**2, n, n, n), dtype=np.float32)
-        atlas[: len(cell)] = value
-        tiled = atlas.reshape(-1, ROW, ROW, n, n, n).transpose(0, 3, 1, 4, 2, 5).reshape(-1, ROW * n, ROW * n)
-        joined = np.zeros((len(sdf) + len(tiled), *np.maximum(sdf.shape[1:], ROW * n)), dtype=np.float32)
-        for layer, part in ((0, sdf), (len(sdf), tiled)):
-            joined[layer : layer + len(part), : part.shape[1], : part.shape[2]] = part
-        return Bricks(side, cell, value, torch.from_numpy(number), torch.from_numpy(joined))
+        return Bricks(side, cell, value, known, torch.from_numpy(number), _atlas(value, sdf))
 
     @staticmethod
     def none(side: int, sdf: np.ndarray) -> Bricks:
         """No bricks yet of side³ voxels in a grid `sdf` (z, y, x)."""
-        return Bricks.of(side, np.zeros(0, dtype=np.int64), np.zeros((0, *(side + 1,) * 3), dtype=np.float32), sdf)
+        corners = 0, *(side + 1,) * 3
+        return Bricks.of(side, np.zeros(0, np.int64), np.zeros(corners, np.float32), np.zeros(corners, bool), sdf)
 
-    def within(self, sdf: Float32[Tensor, "z y x"]) -> Bricks:
-        """The same bricks in another grid of the same shape."""
-        atlas, (z, y, x) = self.atlas.clone(), sdf.shape
-        atlas[:z, :y, :x] = sdf
-        return replace(self, atlas=atlas)
+    def storing(self, value: Float32[np.ndarray, "m n n n"], sdf: Float32[np.ndarray, "z y x"]) -> Bricks:
+        """The same bricks, of which the atlas stores these values in a grid that stores `sdf`."""
+        return replace(self, atlas=_atlas(value, sdf))
+
+    def extended(self, corner: Shaped[np.ndarray, "m n n n"], axis: int) -> Shaped[np.ndarray, "m _ _ _"]:
+        """With a corner more at both ends of `axis` (0 to 2), from the bricks beside; zero where there is none."""
+        number = np.pad(self.number.numpy().astype(int), 1)
+        place = np.stack(np.unravel_index(self.cell, tuple(self.number.shape))) + 1
+        step = np.eye(3, dtype=int)[axis, :, None]
+        ends = []
+        for aside, second in ((place - step, -2), (place + step, 1)):
+            beside = number[tuple(aside)]
+            layer = np.take(corner, [second], axis + 1)
+            ends.append(np.where((beside > 0)[:, None, None, None], layer[beside - 1], 0).astype(corner.dtype))
+        return np.concatenate([ends[0], corner, ends[1]], axis + 1)
 
     def sample(self, place: Float[Tensor, "p 3"]) -> tuple[Int[Tensor, " r"], Float[Tensor, " r"]]:
         """Which points, in coarse voxel coordinates inside the grid, lie in bricks (r,), and their values (r,)."""
@@ -79,6 +85,18 @@ class Bricks:
         local = (place[rows] - cell[rows]).clamp(0, 1) * self.side + tile * (self.side + 1)
         local[:, 2] += self.number.shape[0] + 1
         return rows, trilinear(self.atlas[..., None], local)[:, 0]
+
+
+def _atlas(value: np.ndarray, sdf: np.ndarray) -> Tensor:
+    """`sdf` (z, y, x) and behind it corner values (m, n, n, n) side by side."""
+    count, n = value.shape[:2]
+    whole = np.zeros((max(-(-count // ROW**2), 1) * ROW**2, n, n, n), dtype=np.float32)
+    whole[:count] = value
+    tiled = whole.reshape(-1, ROW, ROW, n, n, n).transpose(0, 3, 1, 4, 2, 5).reshape(-1, ROW * n, ROW * n)
+    joined = np.zeros((len(sdf) + len(tiled), *np.maximum(sdf.shape[1:], ROW * n)), dtype=np.float32)
+    for layer, part in ((0, sdf), (len(sdf), tiled)):
+        joined[layer : layer + len(part), : part.shape[1], : part.shape[2]] = part
+    return torch.from_numpy(joined)
 
 
 def grow_bricks(
@@ -94,23 +112,25 @@ def grow_bricks(
     `sdf` (z, y, x) is the coarse grid of `voxel` metres; `evaluate` gives the field (p,) at fractional coarse voxels (p, 3) x y z. Values
     that are not evaluated are interpolated: no cell with a crossing has any. Returns `bricks` itself when nothing is new.
     """
-    shape, side, cells, values = tuple(n - 1 for n in sdf.shape), bricks.side, bricks.cell, bricks.value
+    shape, side = tuple(n - 1 for n in sdf.shape), bricks.side
+    cells, values, known = bricks.cell, bricks.value, bricks.known
     wanted = np.setdiff1d(seen, cells)
     if not len(wanted):
         return bricks
     for _ in range(rings + 1):
         cells = np.concatenate([cells, wanted])
-        values = np.concatenate([values, _refine(sdf, NARROW_BAND_FINE_VOXELS * voxel / side, side, wanted, evaluate)])
+        new = _refine(sdf, NARROW_BAND_FINE_VOXELS * voxel / side, side, wanted, evaluate)
+        values, known = (np.concatenate(pair) for pair in zip((values, known), new))
         wanted = np.setdiff1d(_beyond(cells, values < 0, shape), cells)
         if not len(wanted):
             break
-    return Bricks.of(side, cells, values, sdf)
+    return Bricks.of(side, cells, values, known, sdf)
 
 
 def _refine(
     sdf: np.ndarray, reach: float, side: int, cells: np.ndarray, evaluate: Callable[[np.ndarray], np.ndarray]
-) -> np.ndarray:
-    """Corner values (m, n, n, n) of new bricks: interpolated, then evaluated within `reach` and at every crossing."""
+) -> tuple[np.ndarray, np.ndarray]:
+    """Corner values (m, n, n, n) of new bricks: interpolated, then evaluated within `reach` and at every crossing; and which are evaluated."""
     n, shape = side + 1, tuple(k - 1 for k in sdf.shape)
     corner = np.stack(np.unravel_index(cells, shape), -1)
     step = np.stack(np.meshgrid(*(np.arange(n),) * 3, indexing="ij"), -1)
@@ -127,7 +147,7 @@ def _refine(
         value[wanted] = evaluate(position[wanted])
         known[wanted] = True
         wanted = np.unique(place.reshape(-1)[unsettled(value[place] < 0, known[place])])
-    return value[place]
+    return value[place], known[place]
 
 
 def _beyond(cells: np.ndarray, inside: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:

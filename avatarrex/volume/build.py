@@ -147,15 +147,14 @@ def refine_volume(
     previous: AvatarVolume | None,
 ) -> AvatarVolume:
     """`volume` with bricks of side³ voxels in the body cells `cells` (flat), besides those that `previous` has."""
-    kept = previous.sdf.body.bricks if previous and previous.grid is volume.grid else None
+    same = previous and previous.grid is volume.grid and previous.key.prefilter == volume.key.prefilter
+    kept = previous.sdf.body.bricks if previous and same else None
     if kept is None or kept.side != side:
         kept = Bricks.none(side, volume.grid.sdf.numpy())
-    elif previous and previous.sdf.body.sdf is not volume.grid.sdf:
-        kept = kept.within(volume.grid.sdf)
     grid = refined(volume.body, volume.grid, cells, kept, counters)
     if grid.bricks is volume.sdf.body.bricks:
         return volume
-    return replace(volume, sdf=SdfVolume(grid, volume.sdf.parts))
+    return replace(volume, sdf=SdfVolume(prefiltered(grid) if volume.key.prefilter else grid, volume.sdf.parts))
 
 
 def body_frame(avatar: Avatar, posed: PosedPerson) -> BodyFrame:
@@ -215,17 +214,12 @@ def _key(
     parts = {name: key(name, settings.part_voxel) for name in PARTS if name not in settings.hidden}
     there = {} if old is None else old.parts
     parts = {name: key for name, key in parts.items() if name not in off_screen or there.get(name) == key}
-    return VolumeKey(body, parts, settings.hidden, settings.bricks, _thin_side(settings), _prefilters(settings))
+    return VolumeKey(body, parts, settings.hidden, settings.bricks, _thin_side(settings), settings.prefilter)
 
 
 def _thin_side(settings: RenderSettings) -> int:
     """Voxels along the side of a brick of thin limbs; 0: they have none."""
     return 0 if settings.bricks else settings.thin
-
-
-def _prefilters(settings: RenderSettings) -> bool:
-    """Whether the grid is stored prefiltered: not where a view cuts the cells that it meets."""
-    return settings.prefilter and not settings.bricks
 
 
 def _enough(previous: AvatarVolume, settings: RenderSettings) -> bool:
@@ -290,7 +284,7 @@ def _stored(
     """`grid` as `settings` want it stored."""
     side = _thin_side(settings)
     stored = with_thin_limbs(body, grid, avatar.person.thin_limbs, side, counters) if side else grid
-    return prefiltered(stored) if _prefilters(settings) else stored
+    return prefiltered(stored) if settings.prefilter else stored
 
 
 def _prepared(previous: AvatarVolume | None, key: VolumeKey, name: str) -> PartState | None:

@@ -19,7 +19,7 @@ from avatarrex.reference.solids import Solid, body_grid, capsule, sphere
 from avatarrex.settings import RenderSettings
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.library import named_pose
-from avatarrex.volume.bricks import Bricks
+from avatarrex.volume.bricks import ROW, Bricks
 from avatarrex.volume.build import build_volume, refine_volume
 from avatarrex.volume.prefilter import LEAST, MOST, prefiltered
 from avatarrex.volume.sdf_volume import BodyGrid, SdfVolume, sample
@@ -86,16 +86,72 @@ def test_signs_stay_and_creases_are_not_thrown_far() -> None:
     assert (now.abs() <= LEAST * 1.01).any()  # the second has voxels whose sign would have changed
 
 
-def test_bricks_stay_and_lie_in_the_new_grid() -> None:
+def bricks_of(grid: BodyGrid, side: int, known: np.ndarray | None = None) -> Bricks:
+    """Every cell of `grid` as a brick of the limb, evaluated where the finer lattice is `known`."""
+    shape = tuple(n - 1 for n in grid.sdf.shape)
+    finer = body_grid(LIMB, (0, 0, 0), VOXEL / side, tuple(n * side + 1 for n in shape)).sdf.numpy()
+    known = np.ones(finer.shape, dtype=bool) if known is None else known
+    value, there = (
+        np.lib.stride_tricks.sliding_window_view(one, (side + 1,) * 3)[::side, ::side, ::side].reshape(
+            -1, *(side + 1,) * 3
+        )
+        for one in (finer, known)
+    )
+    # In any order: what lies beside is found by number.
+    cell = np.random.default_rng(0).permutation(len(value))
+    return Bricks.of(side, cell, value[cell], there[cell], grid.sdf.numpy())
+
+
+def stored(bricks: Bricks, layers: int) -> np.ndarray:
+    """Values of bricks in the atlas of a grid of so many layers."""
+    n = bricks.side + 1
+    tiled = bricks.atlas[layers:, : ROW * n, : ROW * n].numpy().reshape(-1, n, ROW, n, ROW, n)
+    return tiled.transpose(0, 2, 4, 1, 3, 5).reshape(-1, n, n, n)[: len(bricks.cell)]
+
+
+@pytest.mark.parametrize("side", [2, 4])
+def test_bricks_are_the_finer_grid_prefiltered(side: int) -> None:
+    """What a brick lacks for its outer corners is taken from those beside it, where there are any."""
     raw = grid_of(LIMB)
-    number = 15 * 30 * 30 + 12 * 30 + 13
-    bricks = Bricks.of(2, np.array([number]), np.full((1, 3, 3, 3), 0.5, np.float32), raw.sdf.numpy())
-    now = prefiltered(replace(raw, bricks=bricks))
+    now = prefiltered(replace(raw, bricks=bricks_of(raw, side)))
+    whole = prefiltered(body_grid(LIMB, (0, 0, 0), VOXEL / side, (30 * side + 1,) * 3)).sdf.numpy()
     assert now.bricks is not None
+    wanted = np.lib.stride_tricks.sliding_window_view(whole, (side + 1,) * 3)[::side, ::side, ::side]
+    np.testing.assert_array_equal(stored(now.bricks, 31), wanted.reshape(-1, *(side + 1,) * 3)[now.bricks.cell])
     assert torch.equal(now.bricks.atlas[:31, :31, :31], now.sdf)
-    assert torch.equal(now.bricks.atlas[31:], bricks.atlas[31:])
-    assert torch.equal(now.bricks.number, bricks.number)
-    assert torch.equal(bricks.atlas[:31, :31, :31], raw.sdf)
+    assert torch.equal(prefiltered(now).bricks.atlas[31:], now.bricks.atlas[31:]), "its values stay the field's"
+
+
+def test_corners_of_bricks_that_were_not_evaluated_are_not_looked_at() -> None:
+    raw = grid_of(LIMB)
+    known = np.ones((61, 61, 61), dtype=bool)
+    known[30, 21, 25] = False
+    all_known, one_less = (prefiltered(replace(raw, bricks=bricks_of(raw, 2, one))).bricks for one in (None, known))
+    assert all_known is not None
+    assert one_less is not None
+    there = (
+        np.stack(np.unravel_index(one_less.cell, (30, 30, 30)))[..., None, None, None] * 2
+        + np.indices((3, 3, 3))[:, None]
+    )
+    off = np.array([30, 21, 25])[:, None, None, None, None]
+    beside = np.abs(there - off).sum(0)
+    np.testing.assert_array_equal(stored(one_less, 31)[beside == 0], one_less.value[beside == 0])
+    changed = stored(one_less, 31) != stored(all_known, 31)
+    assert changed[beside == 1].any()
+    assert not changed[beside > 1].any()
+
+
+def test_a_brick_alone_has_neighbours_within_alone() -> None:
+    raw = grid_of(LIMB)
+    whole = bricks_of(raw, 2)
+    one = Bricks.of(2, whole.cell[:1], whole.value[:1], whole.known[:1], raw.sdf.numpy())
+    now = prefiltered(replace(raw, bricks=one)).bricks
+    assert now is not None
+    value, found = one.value[0].astype(float), stored(now, 31)[0]
+    change = sum((value.take(0, k) - 2 * value.take(1, k) + value.take(2, k))[(1, 1)] for k in range(3)) / 12
+    assert found[1, 1, 1] == pytest.approx(value[1, 1, 1] - change, abs=1e-7)
+    corners = np.ix_((0, 2), (0, 2), (0, 2))
+    np.testing.assert_array_equal(found[corners], one.value[0][corners])
 
 
 @pytest.fixture(scope="module")
@@ -106,7 +162,7 @@ def avatar() -> Avatar:
 def test_levels_that_have_it(avatar: Avatar) -> None:
     signals, camera = Signals.rest().replace(body_pose=named_pose("stand")), Camera.orbit(20, width=24, height=24)
     frame = None
-    for name, has in {"paper": False, "fast": True, "balanced": True, "fine": False, "quality": False}.items():
+    for name, has in {"paper": False, "fast": True, "balanced": True, "fine": True, "quality": True}.items():
         frame = render_deferred(avatar, signals, camera, replace(level(name), raycast="torch", antialias=False), frame)
         volume = frame.volume
         wanted = prefiltered(volume.grid).sdf if has else volume.grid.sdf
