@@ -130,7 +130,7 @@ def grow_bricks(
 def _refine(
     sdf: np.ndarray, reach: float, side: int, cells: np.ndarray, evaluate: Callable[[np.ndarray], np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Corner values (m, n, n, n) of new bricks: interpolated, then evaluated within `reach` and at every crossing; and which are evaluated."""
+    """Corner values (m, n, n, n) of new bricks, interpolated or, within `reach` and at every crossing, evaluated; and which are."""
     n, shape = side + 1, tuple(k - 1 for k in sdf.shape)
     corner = np.stack(np.unravel_index(cells, shape), -1)
     step = np.stack(np.meshgrid(*(np.arange(n),) * 3, indexing="ij"), -1)

@@ -1,4 +1,4 @@
-"""The body grid and its bricks prefiltered, so that what lies between its voxels is right on average and not too large where the body is round.
+"""The body grid and its bricks prefiltered, so that what lies between voxels is right on average, not too large where the body is round.
 
 Linear interpolation of a distance s overestimates it between voxels of side h by h²/12 s″ on average along each axis: a limb of radius R
 is drawn h²/12R too thin on every side, 0.7 mm of one of 5 cm by voxels of 2 cm, a ball twice that. Stored is
@@ -34,7 +34,9 @@ LEAST = 1e-6
 def prefiltered(grid: BodyGrid) -> BodyGrid:
     """`grid` and its bricks with the prefilter along every axis on which a voxel and both its neighbours were evaluated."""
     known = torch.ones_like(grid.sdf, dtype=torch.bool) if grid.known is None else torch.from_numpy(grid.known)
-    change = sum(_missing(_padded(grid.sdf, axis), _padded(known, axis), axis) for axis in range(3))
+    change = torch.zeros_like(grid.sdf)
+    for axis in range(3):
+        change += _missing(_padded(grid.sdf, axis), _padded(known, axis), axis)
     new = _stored(grid.sdf, change, grid.voxel)
     if grid.bricks is None:
         return replace(grid, sdf=new)

@@ -56,6 +56,16 @@ def test_corners_of_crossed_cells_are_the_finer_grid(side: int) -> None:
     assert field.queried < 0.6 * bricks.value.size
 
 
+def test_what_is_known_is_the_field_and_what_is_not_is_interpolated() -> None:
+    bricks = grown(4, crossed_cells(body_grid(PIN, ORIGIN, VOXEL, SHAPE)), Field())
+    corner = np.stack(np.unravel_index(bricks.cell, tuple(n - 1 for n in SHAPE)), -1)[:, None, None, None]
+    place = (corner + np.stack(np.meshgrid(*(np.linspace(0, 1, 5),) * 3, indexing="ij"), -1))[..., ::-1]
+    exact = Field()(place.reshape(-1, 3)).reshape(bricks.value.shape)
+    right = np.abs(bricks.value - exact) < 1e-7
+    assert right[bricks.known].all()
+    assert right[~bricks.known].mean() < 0.2
+
+
 def test_the_surface_is_followed_past_what_was_seen() -> None:
     all_cells = crossed_cells(body_grid(PIN, ORIGIN, VOXEL, SHAPE))
     bricks = grown(2, all_cells[:1], Field())

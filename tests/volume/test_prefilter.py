@@ -186,6 +186,18 @@ def test_bricks_that_are_kept_lie_in_the_grid_of_their_level(avatar: Avatar) -> 
         assert torch.equal(body.bricks.atlas[:z, :y, :x], body.sdf)
 
 
+def test_bricks_that_were_stored_prefiltered_are_not_kept_by_a_level_without(avatar: Avatar) -> None:
+    signals, camera = Signals.rest().replace(body_pose=named_pose("stand")), Camera.orbit(20, width=24, height=24)
+    settings = replace(level("fine"), raycast="torch", antialias=False)
+    before = render_deferred(avatar, signals, camera, settings)
+    raw = render_deferred(avatar, signals, camera, replace(settings, prefilter=False), before).volume.sdf.body
+    assert raw.bricks is not None
+    np.testing.assert_array_equal(stored(raw.bricks, len(raw.sdf)), raw.bricks.value)
+    had = before.volume.sdf.body.bricks
+    assert had is not None
+    assert (stored(had, len(raw.sdf)) != had.value).any()
+
+
 @pytest.mark.parametrize("name", ["fast", "balanced"])
 def test_nothing_jumps_at_the_faces_of_a_box_in_contact(avatar: Avatar, name: str) -> None:
     signals, camera = (
