@@ -1,9 +1,9 @@
 """Thin limbs: forearms and wrists are stored in bricks whatever a view meets (`RenderSettings.thin`).
 
 Between voxels of side h a limb of radius R is up to h²/8R too thin, h²/12R on average: 2.5 and 1.7 mm of a wrist of 2 cm by voxels of
-2 cm, a quarter of that by half of them. The prefilter (prefilter.py) takes the average away, of voxels and not of bricks. Which cells are
-cut depends on the body alone: a turned view finds them there, and pass II, distillation and metrics see the same. Levels that cut cells
-where a view meets them (`fine`, `quality`) have those alone.
+2 cm, a quarter of that by half of them. The prefilter (prefilter.py) takes the average away. Which cells are cut depends on the body alone:
+a turned view finds them there, and pass II, distillation and metrics see the same. Levels that cut cells where a view meets them (`fine`,
+`quality`) have those alone.
 
 Letters: v template vertices, c cells. Root frame, metres.
 """
